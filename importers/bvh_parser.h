@@ -1,0 +1,60 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <array>
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "assets/model/result.h"
+
+namespace limber {
+
+/// Position along, or rotation about, x, y or z.
+enum class BvhChannel : std::uint8_t {
+  x_position,
+  y_position,
+  z_position,
+  x_rotation,
+  y_rotation,
+  z_rotation
+};
+
+inline bool is_rotation(BvhChannel channel) { return channel >= BvhChannel::x_rotation; }
+inline int axis_of(BvhChannel channel) { return static_cast<int>(channel) % 3; }
+
+struct BvhJoint {
+  std::string name;  ///< bytes as in the file; empty for End Sites
+  std::int32_t parent = -1;
+  bool end_site = false;
+  Eigen::Vector3d offset = Eigen::Vector3d::Zero();  ///< file units
+  std::size_t channel_begin = 0;                     ///< column of the motion table
+  std::vector<BvhChannel> channels;                  ///< in file order
+};
+
+/// A BVH file as written: file units, degrees.
+struct BvhDocument {
+  std::vector<BvhJoint> joints;  ///< document order: parents first
+  std::size_t columns = 0;       ///< channels of all joints
+  std::int64_t declared_frames = 0;
+  double frame_time_s = 0.0;
+  std::string frame_time_text;
+  std::vector<double> values;  ///< [frame * columns + column]
+  Warnings warnings;
+
+  std::int64_t frames() const {
+    return columns == 0 ? 0 : static_cast<std::int64_t>(values.size() / columns);
+  }
+  std::span<const double> row(std::int64_t frame) const {
+    return {values.data() + frame * columns, columns};
+  }
+};
+
+/// One pass over the text; no declared count is believed beyond the bytes that remain.
+/// Fails (see failure.h) with `bvh-syntax`, `bvh-channels`, `bvh-depth`, `bvh-size`,
+/// `bvh-no-motion`, `bvh-frame-time`, `bvh-number`, `bvh-nan` or `bvh-row-length`.
+BvhDocument parse_bvh(std::string_view text);
+
+}  // namespace limber

@@ -1,0 +1,193 @@
+#include "importers/importer.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <array>
+#include <cstdint>
+#include <cstring>
+
+#include "importers/assimp_importer.h"
+#include "importers/bvh_reader.h"
+#include "importers/failure.h"
+#include "importers/file_resolver.h"
+#include "importers/gltf_reader.h"
+#include "importers/text_encoding.h"
+
+namespace limber {
+
+namespace {
+
+/// What assimp reads soundly enough to offer (see docs), besides our own bvh, gltf, glb and vrm.
+constexpr std::array kAssimpExtensions = {"fbx", "dae"};
+constexpr std::array kOwnExtensions = {"bvh", "gltf", "glb", "vrm"};
+
+std::string lower_case(std::string_view text) {
+  std::string out(text.starts_with('.') ? text.substr(1) : text);
+  for (char& c : out) {
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
+  }
+  return out;
+}
+
+std::string_view as_text(std::span<const std::byte> bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+bool starts_with_any_case(std::string_view text, std::string_view lower) {
+  return text.size() >= lower.size() && lower_case(text.substr(0, lower.size())) == lower;
+}
+
+/// The first bytes after a byte order mark and white space.
+std::string_view opening(std::string_view text) {
+  if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
+  const std::size_t begin = text.find_first_not_of(" \t\r\n");
+  return begin == std::string_view::npos ? std::string_view{} : text.substr(begin);
+}
+
+/// What no reader can use, whatever the file is called; nullptr where nothing is known against it.
+const char* known_stranger(std::string_view text) {
+  const std::string_view head = opening(text);
+  if (text.starts_with("version https://git-lfs")) {
+    return "a Git LFS pointer, not the file itself (run 'git lfs pull')";
+  }
+  if (starts_with_any_case(head, "<!doctype html") || starts_with_any_case(head, "<html")) {
+    return "a web page, not an animation (the download went wrong)";
+  }
+  if (text.starts_with("\x1F\x8B")) return "gzip data (unpack it first)";
+  if (text.starts_with("PK\x03\x04")) return "a zip archive (unpack it first)";
+  if (text.starts_with("\x28\xB5\x2F\xFD")) return "zstd data (unpack it first)";
+  if (text.starts_with("7z\xBC\xAF")) return "a 7z archive (unpack it first)";
+  if (text.starts_with("%PDF")) return "a PDF document";
+  if (text.starts_with("\x89PNG") || text.starts_with("\xFF\xD8\xFF")) return "a picture";
+  return nullptr;
+}
+
+/// The family that the content shows: "bvh", "glb", "gltf", "fbx", "dae" or "" (not recognised).
+std::string content_family(std::string_view text) {
+  const std::string_view head = opening(text);
+  if (text.starts_with("glTF")) return "glb";
+  if (text.starts_with("Kaydara FBX Binary") || head.starts_with("; FBX")) return "fbx";
+  if (starts_with_any_case(head, "hierarchy")) return "bvh";
+  if (head.starts_with("{")) return "gltf";
+  if (head.starts_with("<") && head.substr(0, 4096).find("<COLLADA") != std::string_view::npos) {
+    return "dae";
+  }
+  return "";
+}
+
+std::string family_of(const std::string& extension) {
+  return extension == "vrm" ? "glb" : extension;
+}
+
+Error stranger_error(const std::string& extension, const std::string& what) {
+  return {.code = "format-mismatch",
+          .message = fmt::format("the file is called .{} but is {}", extension, what),
+          .hint = "get the file again, or give it the extension of what it holds"};
+}
+
+/// Says why the content cannot be what the name claims.
+Result<void> check_content(std::string_view text, const std::string& extension) {
+  if (text.empty()) {
+    return Error{.code = "file-empty", .message = "the file is empty", .hint = "get it again"};
+  }
+  if (const char* stranger = known_stranger(text)) return stranger_error(extension, stranger);
+  const std::string family = content_family(text);
+  const std::string claimed = family_of(extension);
+  const bool own_json =
+      (family == "gltf" || family == "glb") && (claimed == "gltf" || claimed == "glb");
+  if (!family.empty() && family != claimed && !own_json) {
+    return stranger_error(extension, family + " by its content");
+  }
+  return {};
+}
+
+/// A UTF-16 text file in UTF-8; nullopt where it is none.
+std::optional<std::string> from_utf16(std::string_view text) {
+  if (text.starts_with("\xFF\xFE")) return to_utf8(text.substr(2), "UTF-16LE");
+  if (text.starts_with("\xFE\xFF")) return to_utf8(text.substr(2), "UTF-16BE");
+  return std::nullopt;
+}
+
+Result<Imported> dispatch(std::span<const std::byte> bytes, const std::string& extension,
+                          const UriResolver& resolver, const ImportOptions& options) {
+  const bool own =
+      std::find(kOwnExtensions.begin(), kOwnExtensions.end(), extension) != kOwnExtensions.end();
+  if (options.reader == ReaderChoice::assimp || !own) {
+    Result<Imported> imported = import_with_assimp(bytes, extension, resolver, options);
+    if (imported) {
+      imported->facts.reader_reason =
+          own ? "asked for by option" : "no reader of our own for this format";
+    }
+    return imported;
+  }
+  Result<Imported> imported = extension == "bvh" ? import_bvh(bytes, options)
+                                                 : import_gltf(bytes, extension, resolver, options);
+  if (imported) imported->facts.reader_reason = "our exact reader for this format";
+  return imported;
+}
+
+Result<void> check_invariants(const Imported& imported) {
+  if (Result<void> valid = validate(imported.character); !valid) return valid;
+  for (const Clip& clip : imported.clips) {
+    if (Result<void> valid = validate(imported.character.skeleton, clip); !valid) return valid;
+  }
+  return {};
+}
+
+/// Errors travel into JSON reports: whatever a file put into them must be UTF-8.
+Error with_clean_text(Error error) {
+  std::array<std::string, 2> texts = {error.message, error.joint};
+  repair_names(texts);
+  error.message = std::move(texts[0]);
+  error.joint = std::move(texts[1]);
+  return error;
+}
+
+Result<Imported> import_checked(std::span<const std::byte> bytes, std::string_view extension,
+                                const UriResolver& resolver, const ImportOptions& options) {
+  const std::string kind = lower_case(extension);
+  const std::vector<std::string> readable = readable_extensions();
+  if (std::find(readable.begin(), readable.end(), kind) == readable.end()) {
+    return Error{.code = "format-unknown",
+                 .message = fmt::format("files called .{} cannot be read", kind),
+                 .hint = fmt::format("readable are {}", fmt::join(readable, ", "))};
+  }
+  const std::optional<std::string> converted = from_utf16(as_text(bytes));
+  if (converted) bytes = std::as_bytes(std::span(*converted));
+  if (Result<void> fits = check_content(as_text(bytes), kind); !fits) return fits.error();
+  Result<Imported> imported = dispatch(bytes, kind, resolver, options);
+  if (!imported) return imported;
+  if (converted) imported->warnings.push_back({"text-encoding", "the file is UTF-16 text"});
+  if (Result<void> valid = check_invariants(*imported); !valid) return valid.error();
+  return imported;
+}
+
+}  // namespace
+
+Result<Imported> import_bytes(std::span<const std::byte> bytes, std::string_view extension,
+                              const UriResolver& resolver, const ImportOptions& options) {
+  Result<Imported> imported = guarded<Imported>(
+      [&]() -> Result<Imported> { return import_checked(bytes, extension, resolver, options); });
+  if (!imported) return with_clean_text(std::move(imported.error()));
+  return imported;
+}
+
+Result<Imported> import_file(const std::filesystem::path& path, const ImportOptions& options) {
+  Result<Imported> imported = guarded<Imported>([&]() -> Result<Imported> {
+    Result<std::vector<std::byte>> bytes = read_whole_file(path);
+    if (!bytes) return bytes.error();
+    return import_bytes(*bytes, path.extension().string(), folder_resolver(path.parent_path()),
+                        options);
+  });
+  if (!imported) imported.error().file = path.string();
+  return imported;
+}
+
+std::vector<std::string> readable_extensions() {
+  std::vector<std::string> all(kOwnExtensions.begin(), kOwnExtensions.end());
+  all.insert(all.end(), kAssimpExtensions.begin(), kAssimpExtensions.end());
+  return all;
+}
+
+}  // namespace limber

@@ -1,0 +1,113 @@
+#include "pipeline/certify.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+
+#include "importers/importer.h"
+#include "validation/certificate.h"
+#include "validation/limit_check.h"
+
+namespace limber {
+namespace {
+
+using nlohmann::json;
+
+Result<std::vector<std::byte>> no_external_files(std::string_view uri) {
+  return Error{.code = "uri-refused", .message = "an export refers to " + std::string(uri)};
+}
+
+/// The re-read motion on the rig's rows, joints paired by name. False where a joint is missing.
+bool rig_clip_of(const Imported& imported, const Rig& rig, Clip& out) {
+  const Skeleton& skeleton = imported.character.skeleton;
+  const Clip& clip = imported.clips.front();
+  std::vector<std::int32_t> joint_of_row;
+  for (const RigJoint& row : rig.joints) {
+    joint_of_row.push_back(skeleton.find(row.name));
+    if (joint_of_row.back() == kNoJoint) return false;
+  }
+  out = clip;
+  out.joints = rig.size();
+  out.parent_from_joint.resize(std::size_t(clip.frames()) * rig.joints.size());
+  std::vector<DualQuaternion> model(skeleton.parents.size());
+  for (std::int64_t f = 0; f < clip.frames(); ++f) {
+    model_from_local(skeleton, clip.frame(f), model);
+    for (std::size_t i = 0; i < rig.joints.size(); ++i) {
+      const std::int32_t parent = rig.joints[i].parent;
+      const DualQuaternion& m = model[joint_of_row[i]];
+      out.frame(f)[i] = parent == kNoJoint ? m : model[joint_of_row[parent]].conjugate() * m;
+    }
+  }
+  return true;
+}
+
+json read_and_compare(std::span<const std::byte> bytes, const std::string& format,
+                      ReaderChoice reader, const Target& target, const Retargeted& meant,
+                      bool limits) {
+  ImportOptions options;
+  options.reader = reader;
+  options.up = 'y';
+  options.unit_m = format == "bvh" ? 0.01 : 1.0;
+  options.keep_reference_frame = true;
+  auto imported = import_bytes(bytes, format, no_external_files, options);
+  if (!imported) return {{"fault", imported.error().message}};
+  if (imported->clips.empty()) return {{"fault", "the file holds no clip"}};
+  CertificateOptions certificate;
+  certificate.position_m = 1e-4;
+  auto report = compare_clips(target.character.skeleton, meant.clip, imported->character.skeleton,
+                              imported->clips.front(), certificate);
+  if (!report) return {{"fault", report.error().message}};
+  json out{{"ok", report->ok}, {"error_m", report->position_m.value}, {"faults", report->faults}};
+  Clip rig_clip;
+  if (limits) {
+    if (!rig_clip_of(*imported, meant.rig, rig_clip)) return {{"fault", "joints are missing"}};
+    const LimitReport checked = check_joint_limits(meant.rig, rig_clip);
+    out["limited_joints"] = checked.joints;
+    out["violations"] = checked.violations;
+    out["max_violation_deg"] = checked.max_violation_deg;
+  }
+  return out;
+}
+
+FileCheck check_with(std::span<const std::byte> bytes, const std::string& format,
+                     ReaderChoice reader, const Target& target, const Retargeted& meant,
+                     bool limits, SandboxMode sandbox) {
+  FileCheck check;
+  check.reader = reader == ReaderChoice::assimp ? "assimp" : "limber-" + format;
+  const auto answer = run_isolated(
+      [&] { return read_and_compare(bytes, format, reader, target, meant, limits).dump(); },
+      sandbox);
+  if (!answer) {
+    check.faults = {answer.error().message};
+    return check;
+  }
+  const json found = json::parse(*answer, nullptr, false);
+  if (found.contains("fault")) {
+    check.faults = {found["fault"].get<std::string>()};
+    return check;
+  }
+  check.ok = found["ok"];
+  check.joints_max_error_m = found["error_m"];
+  check.faults = found["faults"].get<std::vector<std::string>>();
+  check.limited_joints = found.value("limited_joints", std::int64_t(0));
+  check.violations = found.value("violations", std::int64_t(0));
+  check.max_violation_deg = found.value("max_violation_deg", 0.0);
+  return check;
+}
+
+}  // namespace
+
+FileCheck certify(std::span<const std::byte> bytes, const std::string& format, const Target& target,
+                  const Retargeted& meant, bool limits, SandboxMode sandbox) {
+  FileCheck by_assimp =
+      check_with(bytes, format, ReaderChoice::assimp, target, meant, limits, sandbox);
+  if (by_assimp.ok) return by_assimp;
+  FileCheck own = check_with(bytes, format, ReaderChoice::automatic, target, meant, limits, sandbox);
+  own.reason = "assimp does not read this file back as written (" +
+               (by_assimp.faults.empty() ? std::string("unknown") : by_assimp.faults.front()) +
+               "); checked with Limber's own reader in a process of its own";
+  return own;
+}
+
+}  // namespace limber

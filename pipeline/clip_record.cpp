@@ -1,0 +1,276 @@
+#include "pipeline/clip_record.h"
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "pipeline/version.h"
+#include "validation/contact_detection.h"
+
+namespace limber {
+namespace {
+
+using json = nlohmann::ordered_json;
+
+/// Numbers in reports carry what they mean, not the last bits of a double.
+double rounded(double x) {
+  if (!std::isfinite(x)) return 0.0;
+  return std::round(x * 1e6) / 1e6;
+}
+
+json error_json(const Error& error) {
+  json out{{"code", error.code}, {"message", error.message}};
+  if (!error.file.empty()) out["file"] = error.file;
+  if (!error.joint.empty()) out["joint"] = error.joint;
+  if (error.frame >= 0) out["frame"] = error.frame;
+  if (!error.hint.empty()) out["hint"] = error.hint;
+  return out;
+}
+
+json warning_json(const Warning& warning) {
+  json out{{"code", warning.code}, {"message", warning.message}};
+  if (!warning.joint.empty()) out["joint"] = warning.joint;
+  if (warning.frame >= 0) out["frame"] = warning.frame;
+  return out;
+}
+
+json figures(const std::vector<double>& values) {
+  return {{"median", rounded(percentile(values, 50.0))},
+          {"p95", rounded(percentile(values, 95.0))},
+          {"max", values.empty() ? 0.0 : rounded(*std::max_element(values.begin(), values.end()))}};
+}
+
+json source_json(const ClipRecord& record) {
+  json out{{"path", record.source_path}};
+  if (!record.source_clip.empty()) out["clip"] = record.source_clip;
+  if (!record.source_sha256.empty()) out["sha256"] = record.source_sha256;
+  if (record.source) {
+    const SourceFacts& facts = *record.source;
+    out["format"] = facts.format;
+    out["reader"] = facts.reader;
+    if (!facts.reader_reason.empty()) out["reader_reason"] = facts.reader_reason;
+    if (!record.convention.empty()) out["convention"] = record.convention;
+    out["unit_m"] = facts.unit_m;
+    out["unit_evidence"] = facts.unit_evidence;
+    out["up"] = facts.up;
+    out["rate_hz"] = facts.rate_hz;
+    out["frames"] = facts.frames;
+    out["joints"] = facts.joints;
+  }
+  if (record.source_calibration) {
+    out["calibration"] = {{"reference", record.source_calibration->reference},
+                          {"residual_deg", rounded(record.source_calibration->residual_deg)}};
+  }
+  return out;
+}
+
+json target_json(const Target& target) {
+  return {{"path", target.path},
+          {"sha256", target.sha256},
+          {"rig", target.rig.name},
+          {"joints", target.rig.size()},
+          {"dof", dof_count(target.rig)},
+          {"calibration",
+           {{"reference", target.calibration.reference},
+            {"residual_deg", rounded(target.calibration.residual_deg)}}}};
+}
+
+std::vector<std::string> names_of(const std::vector<std::int32_t>& joints,
+                                  const Skeleton& skeleton) {
+  std::vector<std::string> out;
+  for (const std::int32_t j : joints) out.push_back(skeleton.names[j]);
+  return out;
+}
+
+/// Chains of both figures, paired by name.
+json chains_json(const Skeleton* source, const Figure* from, const Skeleton& target,
+                 const Figure& to) {
+  json out = json::array();
+  for (const FigureChain& chain : to.chains) {
+    json entry{{"name", chain.name}, {"source", json::array()},
+               {"target", names_of(chain.joints, target)}};
+    double confidence = 0.0;
+    if (from != nullptr) {
+      for (const FigureChain& other : from->chains) {
+        if (other.name != chain.name) continue;
+        entry["source"] = names_of(other.joints, *source);
+        confidence = std::min(chain.confidence, other.confidence);
+      }
+    }
+    entry["confidence"] = rounded(confidence);
+    out.push_back(std::move(entry));
+  }
+  return out;
+}
+
+json roles_json(const Skeleton& skeleton, const Figure& figure) {
+  json out = json::object();
+  for (int r = 0; r < kRoleCount; ++r) {
+    if (figure.joint[r] != kNoJoint) {
+      out[std::string(name_of(role_at(r)))] = skeleton.names[figure.joint[r]];
+    }
+  }
+  return out;
+}
+
+json effectors_json(const Retargeted& result) {
+  json out = json::array();
+  for (const EffectorError& error : result.errors) {
+    json entry{{"name", error.name}, {"reachable_frames", error.reachable_frames}};
+    if (!error.position_mm.empty()) entry["position_error_mm"] = figures(error.position_mm);
+    if (!error.orientation_deg.empty()) {
+      entry["orientation_error_deg"] = figures(error.orientation_deg);
+    }
+    out.push_back(std::move(entry));
+  }
+  return out;
+}
+
+json limits_json(const ClipRecord& record) {
+  std::int64_t joints = 0, violations = 0;
+  double worst = 0.0;
+  for (const FileCheck& check : record.checks) {
+    joints = std::max(joints, check.limited_joints);
+    violations = std::max(violations, check.violations);
+    worst = std::max(worst, check.max_violation_deg);
+  }
+  json bent = json::array();
+  for (const BentJoint& joint : record.result->bent) {
+    bent.push_back({{"joint", joint.joint}, {"frames", joint.frames}});
+  }
+  return {{"joints", joints},
+          {"violations", violations},
+          {"max_violation_deg", rounded(worst)},
+          {"source_excess_deg", rounded(record.result->source_excess_deg)},
+          {"bent", bent}};
+}
+
+json contacts_json(const MotionMetrics& metrics) {
+  const auto side = [](const ContactFigures& figures) {
+    return json{{"slide_cm_s", rounded(figures.slide_cm_s)},
+                {"drift_cm", rounded(figures.drift_cm)},
+                {"penetration_cm", rounded(figures.penetration_cm)}};
+  };
+  return {{"source", side(metrics.source)},
+          {"output", side(metrics.output)},
+          {"intervals", metrics.intervals}};
+}
+
+json certificate_json(const std::vector<FileCheck>& checks) {
+  json files = json::array();
+  bool ok = !checks.empty();
+  double worst = 0.0;
+  for (const FileCheck& check : checks) {
+    json entry{{"path", check.path}, {"reader", check.reader}};
+    if (!check.reason.empty()) entry["reason"] = check.reason;
+    entry["joints_max_error_m"] = check.joints_max_error_m;
+    entry["violations"] = check.violations;
+    entry["ok"] = check.ok;
+    if (!check.faults.empty()) entry["faults"] = check.faults;
+    ok = ok && check.ok;
+    worst = std::max(worst, check.joints_max_error_m);
+    files.push_back(std::move(entry));
+  }
+  json out{{"reader", checks.empty() ? "" : checks.front().reader}};
+  if (!checks.empty() && !checks.front().reason.empty()) out["reason"] = checks.front().reason;
+  out["joints_max_error_m"] = worst;
+  out["ok"] = ok;
+  out["files"] = files;
+  return out;
+}
+
+void add_result(json& out, const ClipRecord& record) {
+  const Retargeted& result = *record.result;
+  json files = json::array();
+  for (const OutputFile& file : record.files) {
+    files.push_back({{"path", file.path}, {"sha256", file.sha256}, {"bytes", file.bytes}});
+  }
+  out["output"] = {{"files", files},
+                   {"frames", result.clip.frames()},
+                   {"rate_hz", result.clip.rate_hz},
+                   {"duration_s", rounded(result.clip.duration_s())},
+                   {"scale", rounded(result.track.scale)}};
+  out["solver"] = {{"name", result.solver.name},
+                   {"relinearisations",
+                    {{"median", percentile(result.solver.relinearisations, 50.0)},
+                     {"p99", percentile(result.solver.relinearisations, 99.0)}}},
+                   {"tree_passes", result.solver.tree_passes},
+                   {"sweeps", result.solver.sweeps},
+                   {"residual_max", result.solver.residual_max}};
+  out["effectors"] = effectors_json(result);
+  if (!record.checks.empty()) out["limits"] = limits_json(record);
+  if (record.metrics) {
+    if (!record.metrics->feet.empty()) out["contacts"] = contacts_json(*record.metrics);
+    out["smoothness"] = {
+        {"jerk_ratio", rounded(record.metrics->jerk_ratio)},
+        {"max_angular_velocity_ratio", rounded(record.metrics->max_angular_velocity_ratio)},
+        {"pops", record.metrics->pops}};
+  }
+  if (!result.refine.frames.empty()) {
+    const auto& gaps = result.refine.gap_percent;
+    out["refine"] = {{"mode", "frame"},
+                     {"gap_percent",
+                      {{"median", rounded(percentile(gaps, 50.0))},
+                       {"p95", rounded(percentile(gaps, 95.0))}}},
+                     {"frames", result.refine.frames.size()}};
+  }
+  if (!record.checks.empty()) out["certificate"] = certificate_json(record.checks);
+}
+
+}  // namespace
+
+const char* to_string(Status status) {
+  switch (status) {
+    case Status::pass: return "pass";
+    case Status::warn: return "warn";
+    case Status::fail: return "fail";
+  }
+  return "";
+}
+
+std::string report_json(const ClipRecord& record) {
+  json out{{"schema", "limber-report/1"},
+           {"limber_version", kVersion},
+           {"status", to_string(record.status)},
+           {"errors", json::array()},
+           {"warnings", json::array()}};
+  for (const Error& error : record.errors) out["errors"].push_back(error_json(error));
+  for (const Warning& warning : record.warnings) out["warnings"].push_back(warning_json(warning));
+  out["source"] = source_json(record);
+  if (record.target != nullptr) out["target"] = target_json(*record.target);
+  if (record.source_figure && record.target != nullptr && record.source_skeleton != nullptr) {
+    out["map"] = {{"confidence", rounded(std::min(record.source_figure->confidence,
+                                                  record.target->figure.confidence))},
+                  {"chains", chains_json(record.source_skeleton, &*record.source_figure,
+                                         record.target->character.skeleton,
+                                         record.target->figure)}};
+  }
+  if (record.result) add_result(out, record);
+  return out.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
+}
+
+std::string map_json(const MapSide& source, const MapSide& target) {
+  json out{{"format", "limber-map/1"}};
+  const auto side = [](const MapSide& s) {
+    json entry{{"path", s.path}};
+    if (s.figure != nullptr) {
+      entry["convention"] = s.figure->convention;
+      entry["confidence"] = rounded(s.figure->confidence);
+      entry["roles"] = roles_json(s.character->skeleton, *s.figure);
+    } else {
+      entry["roles"] = json::object();
+    }
+    if (s.character != nullptr) entry["joints"] = s.character->skeleton.names;
+    return entry;
+  };
+  out["source"] = side(source);
+  out["target"] = side(target);
+  if (target.figure != nullptr) {
+    out["chains"] =
+        chains_json(source.character == nullptr ? nullptr : &source.character->skeleton,
+                    source.figure, target.character->skeleton, *target.figure);
+  }
+  return out.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
+}
+
+}  // namespace limber

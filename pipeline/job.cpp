@@ -1,0 +1,414 @@
+#include "pipeline/job.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <nlohmann/json.hpp>
+
+#include "exporters/exporter.h"
+#include "pipeline/certify.h"
+#include "pipeline/file_io.h"
+#include "pipeline/map_file.h"
+#include "pipeline/sheets.h"
+#include "validation/contact_detection.h"
+
+namespace limber {
+namespace {
+
+namespace fs = std::filesystem;
+using nlohmann::json;
+
+constexpr double kWarnGapPercent = 5.0;
+constexpr double kWarnSlideExcess = 2.0;        // cm/s beyond the source's own
+constexpr double kWarnPenetrationExcess = 1.0;  // cm
+constexpr double kMinConfidence = 0.6;
+
+/// What of a source all its clips share.
+struct Source {
+  std::string path, sha256;
+  Imported imported;
+  Figure figure;
+};
+
+Error in_file(Error error, const std::string& path) {
+  if (error.file.empty()) error.file = path;
+  return error;
+}
+
+/// Clips that the options ask for.
+Result<std::vector<const Clip*>> chosen_clips(const Imported& imported, const JobOptions& options) {
+  std::vector<const Clip*> clips;
+  std::string names;
+  for (const Clip& clip : imported.clips) {
+    names += (names.empty() ? "" : ", ") + clip.name;
+    if (!options.clip || *options.clip == clip.name) clips.push_back(&clip);
+  }
+  if (!clips.empty()) return clips;
+  if (imported.clips.empty()) {
+    return Error{.code = "clip-none", .message = "the file holds no motion",
+                 .hint = "a source needs an animation; a character alone can be a target"};
+  }
+  return Error{.code = "clip-unknown", .message = "the file has no clip of that name",
+               .hint = "it has: " + names};
+}
+
+/// The frames that --range names, at the rate the clip is retargeted at.
+Result<void> set_range(const Clip& whole, const JobOptions& options, const Clip& resampled,
+                       RetargetOptions& retarget) {
+  if (!options.range) return {};
+  const auto [first, last] = *options.range;
+  if (first < 0 || last < first || first >= whole.frames()) {
+    return Error{.code = "range-empty",
+                 .message = fmt::format("the clip has the frames 0 to {}", whole.frames() - 1),
+                 .hint = "give --range FIRST:LAST within the clip"};
+  }
+  const double ratio = resampled.rate_hz / whole.rate_hz;
+  const std::int64_t end = resampled.frames() - 1;
+  retarget.range = {
+      std::min(static_cast<std::int64_t>(std::ceil(double(first) * ratio - 1e-6)), end),
+      std::min(static_cast<std::int64_t>(std::floor(double(last) * ratio + 1e-6)), end)};
+  return {};
+}
+
+/// The same frames of the source, to be measured and drawn beside the result.
+Clip cut(const Clip& clip, const std::pair<std::int64_t, std::int64_t>& range) {
+  Clip out = clip;
+  out.start_s = clip.start_s + double(range.first) / clip.rate_hz;
+  out.parent_from_joint.assign(clip.parent_from_joint.begin() + range.first * clip.joints,
+                               clip.parent_from_joint.begin() + (range.second + 1) * clip.joints);
+  return out;
+}
+
+/// One clip from its first guess to its report.
+class ClipJob {
+ public:
+  ClipJob(const Source& source, const Clip& clip, std::string stem, const Target& target,
+          const JobOptions& options)
+      : source_(source), whole_(clip), stem_(std::move(stem)), target_(target), options_(options) {}
+
+  ClipSummary run() {
+    record_.source_path = source_.path;
+    record_.source_sha256 = source_.sha256;
+    record_.source_clip = whole_.name;
+    record_.source = source_.imported.facts;
+    record_.source->rate_hz = whole_.rate_hz;
+    record_.convention = source_.figure.convention;
+    record_.source_figure = source_.figure;
+    record_.source_skeleton = &source_.imported.character.skeleton;
+    record_.target = &target_;
+    record_.warnings = source_.imported.warnings;
+    record_.warnings.insert(record_.warnings.end(), source_.figure.warnings.begin(),
+                            source_.figure.warnings.end());
+    for (const Warning& w : target_.warnings) record_.warnings.push_back(w);
+    if (auto r = work(); !r) {
+      record_.status = Status::fail;
+      record_.errors.push_back(in_file(r.error(), source_.path));
+    }
+    return finish();
+  }
+
+ private:
+  Result<void> work() {
+    if (source_.figure.confidence < kMinConfidence) return refuse_map();
+    auto calibration = calibrate(source_.imported.character, source_.figure, options_.reference,
+                                 source_.imported.reference_pose, &whole_);
+    if (!calibration) return calibration.error();
+    record_.source_calibration = std::move(*calibration);
+    clip_ = options_.rate_hz ? resample(whole_, *options_.rate_hz) : whole_;
+    RetargetOptions retarget = options_.retarget;
+    if (auto r = set_range(whole_, options_, clip_, retarget); !r) return r;
+    const SourceMotion motion{&source_.imported.character, &source_.figure,
+                              &*record_.source_calibration, &clip_};
+    auto result = retarget_clip(motion, target_, retarget);
+    if (!result) return result.error();
+    record_.result = std::move(*result);
+    if (retarget.range) clip_ = cut(clip_, *retarget.range);
+    if (auto r = validate(target_.character.skeleton, record_.result->clip); !r) return r;
+    record_.metrics = measure(motion);
+    if (auto r = write_files(); !r) return r;
+    judge();
+    return write_sheet(motion);
+  }
+
+  /// The clip is refused, and the map that was found is written for the user to mend.
+  Result<void> refuse_map() {
+    const fs::path path = options_.output / (stem_ + ".map.json");
+    const auto r = write_whole(
+        path, map_json({source_.path, &source_.imported.character, &source_.figure},
+                       {target_.path, &target_.character, &target_.figure}));
+    if (!r) return r;
+    return Error{.code = "map-unsure",
+                 .message = fmt::format("the skeleton was understood with confidence {:.2f} only",
+                                        source_.figure.confidence),
+                 .hint = "mend " + path.filename().string() + " and pass it with --map"};
+  }
+
+  MotionMetrics measure(const SourceMotion& motion) const {
+    const Calibration& from = *motion.calibration;
+    const auto side = [](const Character& character, const Figure& figure,
+                         const Calibration& calibration, const Clip& clip, double floor) {
+      MotionSide out;
+      out.skeleton = &character.skeleton;
+      out.clip = &clip;
+      for (const auto& role : roles_by_joint(figure, character.skeleton.size())) {
+        out.roles.emplace_back(role ? name_of(*role) : "");
+      }
+      out.stature_m = std::max(0.1, calibration.height);
+      out.floor_y = floor;
+      if (figure.is_body()) {
+        out.soles = sole_points(character.skeleton, out.roles, calibration.model_from_joint,
+                                calibration.sole, out.stature_m);
+      }
+      return out;
+    };
+    MotionOptions options;
+    options.scale = record_.result->track.scale;
+    return measure_motion(
+        side(*motion.character, *motion.figure, from, *motion.clip,
+             record_.result->track.ground_offset),
+        side(target_.character, target_.figure, target_.calibration, record_.result->clip, 0.0),
+        options);
+  }
+
+  Result<void> write_files() {
+    for (const std::string& format : options_.formats) {
+      std::vector<std::byte> bytes;
+      if (format == "glb") {
+        auto glb = export_glb(target_.character, record_.result->clip);
+        if (!glb) return glb.error();
+        bytes = std::move(*glb);
+      } else {
+        auto bvh = export_bvh(target_.character, record_.result->clip);
+        if (!bvh) return bvh.error();
+        const auto text = std::as_bytes(std::span(bvh->data(), bvh->size()));
+        bytes.assign(text.begin(), text.end());
+      }
+      if (auto r = write(format, bytes); !r) return r;
+      FileCheck check = certify(bytes, format, target_, *record_.result, options_.retarget.limits,
+                                options_.sandbox);
+      check.path = record_.files.back().path;
+      record_.checks.push_back(std::move(check));
+    }
+    return {};
+  }
+
+  Result<void> write(const std::string& extension, std::span<const std::byte> bytes) {
+    const std::string name = stem_ + "." + extension;
+    if (auto r = write_whole(options_.output / name, bytes); !r) return r;
+    record_.files.push_back({name, sha256_hex(bytes), static_cast<std::int64_t>(bytes.size())});
+    return {};
+  }
+
+  Result<void> write_sheet(const SourceMotion& motion) {
+    auto png = draw_clip_sheet(record_, motion, stem_);
+    if (!png) return png.error();
+    return write("png", *png);
+  }
+
+  /// The verdict: a broken promise fails the clip, doubtful looks are a warning.
+  void judge() {
+    const auto warn = [&](std::string code, std::string message) {
+      record_.warnings.push_back({std::move(code), std::move(message)});
+      record_.status = std::max(record_.status, Status::warn);
+    };
+    const auto fail = [&](std::string code, std::string message, std::string hint) {
+      record_.errors.push_back(Error{.code = std::move(code), .message = std::move(message),
+                                     .file = source_.path, .hint = std::move(hint)});
+      record_.status = Status::fail;
+    };
+    for (const FileCheck& check : record_.checks) {
+      if (check.violations > 0) {
+        fail("limits-violated",
+             fmt::format("{}: {} joint-frames beyond their limits, worst {:.4f} degrees",
+                         check.path, check.violations, check.max_violation_deg),
+             "please report this clip");
+      }
+      if (!check.ok) {
+        fail("certificate-failed",
+             check.path + ": " + (check.faults.empty() ? "unreadable" : check.faults.front()),
+             "please report this clip");
+      }
+      if (!check.reason.empty()) {
+        record_.warnings.push_back({"certificate-own-reader", check.path + ": " + check.reason});
+      }
+    }
+    const auto& gaps = record_.result->refine.gap_percent;
+    if (percentile(gaps, 95.0) > kWarnGapPercent) {
+      warn("solver-gap", fmt::format("Ceres found poses {:.1f} % better (95th percentile)",
+                                     percentile(gaps, 95.0)));
+    }
+    if (!record_.metrics) return;
+    const MotionMetrics& m = *record_.metrics;
+    if (m.pops > 0) {
+      warn("motion-pops", fmt::format("{} joint-frames jump where the source does not", m.pops));
+    }
+    if (m.output.slide_cm_s > m.source.slide_cm_s + kWarnSlideExcess) {
+      warn("feet-slide", fmt::format("feet slide {:.1f} cm/s, the source's {:.1f}",
+                                     m.output.slide_cm_s, m.source.slide_cm_s));
+    }
+    if (m.output.penetration_cm > m.source.penetration_cm + kWarnPenetrationExcess) {
+      warn("feet-sink", fmt::format("soles sink {:.1f} cm into the floor, the source's {:.1f}",
+                                    m.output.penetration_cm, m.source.penetration_cm));
+    }
+  }
+
+  ClipSummary finish() {
+    ClipSummary summary{.source = source_.path, .clip = whole_.name, .stem = stem_,
+                        .status = record_.status, .code = "", .message = ""};
+    if (record_.result) {
+      summary.frames = record_.result->clip.frames();
+      summary.worst_error_mm = percentile(record_.result->worst_error_mm, 100.0);
+      summary.error_p95_mm = percentile(record_.result->worst_error_mm, 95.0);
+      for (const FileCheck& check : record_.checks) {
+        summary.violations = std::max(summary.violations, check.violations);
+      }
+    }
+    if (auto r = write_whole(options_.output / (stem_ + ".report.json"), report_json(record_)); !r) {
+      record_.errors.push_back(r.error());
+      summary.status = Status::fail;
+    }
+    if (!record_.errors.empty()) {
+      summary.code = record_.errors.front().code;
+      summary.message = record_.errors.front().message;
+    } else if (record_.status == Status::warn && !record_.warnings.empty()) {
+      summary.code = record_.warnings.back().code;
+      summary.message = record_.warnings.back().message;
+    }
+    return summary;
+  }
+
+  const Source& source_;
+  const Clip& whole_;
+  std::string stem_;
+  const Target& target_;
+  const JobOptions& options_;
+  Clip clip_;
+  ClipRecord record_;
+};
+
+Result<Source> load_source(const std::string& path, const JobOptions& options) {
+  Source source;
+  source.path = path;
+  auto bytes = read_file(path);
+  if (!bytes) return in_file(bytes.error(), path);
+  source.sha256 = sha256_hex(*bytes);
+  auto imported = import_file(path, options.import);
+  if (!imported) return in_file(imported.error(), path);
+  source.imported = std::move(*imported);
+  RoleOverrides roles;
+  if (options.map) {
+    auto map = read_map_file(*options.map);
+    if (!map) return map.error();
+    roles = map->source;
+  }
+  auto figure = identify_figure(source.imported.character, roles);
+  if (!figure) {
+    return in_file(figure.error(), path);
+  }
+  source.figure = std::move(*figure);
+  return source;
+}
+
+/// Files of an earlier run with the same stem go first: outputs are replaced, never mixed.
+void remove_outputs(const fs::path& folder, const std::string& stem) {
+  for (const char* suffix : {".glb", ".bvh", ".png", ".map.json", ".report.json", ".timing.json"}) {
+    std::error_code ignored;
+    fs::remove(folder / (stem + suffix), ignored);
+  }
+}
+
+ClipSummary refuse(const std::string& path, const std::string& stem, const Target* target,
+                   const Error& error, const JobOptions& options) {
+  remove_outputs(options.output, stem);
+  ClipRecord record;
+  record.status = Status::fail;
+  record.source_path = path;
+  record.target = target;
+  record.errors.push_back(in_file(error, path));
+  if (error.code == "map-not-a-figure" && target != nullptr) {
+    if (auto imported = import_file(path, options.import)) {
+      (void)write_whole(options.output / (stem + ".map.json"),
+                        map_json({path, &imported->character, nullptr},
+                                 {target->path, &target->character, &target->figure}));
+    }
+  }
+  (void)write_whole(options.output / (stem + ".report.json"), report_json(record));
+  return {.source = path, .clip = "", .stem = stem, .status = Status::fail, .code = error.code,
+          .message = error.message};
+}
+
+}  // namespace
+
+Result<TargetOptions> target_options(const JobOptions& options) {
+  TargetOptions out;
+  out.limits = options.retarget.limits;
+  out.import.reader = options.import.reader;
+  if (options.map) {
+    auto map = read_map_file(*options.map);
+    if (!map) return map.error();
+    out.roles = map->target;
+  }
+  return out;
+}
+
+std::vector<ClipSummary> run_source(const std::string& source_path, const std::string& stem,
+                                    const Target& target, const JobOptions& options) {
+  const std::string plain = stem + "@" + safe_name(target.label);
+  auto source = load_source(source_path, options);
+  if (!source) return {refuse(source_path, plain, &target, source.error(), options)};
+  auto clips = chosen_clips(source->imported, options);
+  if (!clips) return {refuse(source_path, plain, &target, clips.error(), options)};
+  std::vector<ClipSummary> out;
+  std::vector<std::string> used;
+  for (const Clip* clip : *clips) {
+    std::string name = stem;
+    if (source->imported.clips.size() > 1) {
+      name += "#" + safe_name(clip->name);
+      const std::string base = name;
+      for (int k = 2; std::find(used.begin(), used.end(), name) != used.end(); ++k) {
+        name = fmt::format("{}-{}", base, k);
+      }
+      used.push_back(name);
+    }
+    name += "@" + safe_name(target.label);
+    remove_outputs(options.output, name);
+    out.push_back(ClipJob(*source, *clip, name, target, options).run());
+  }
+  return out;
+}
+
+ClipSummary record_death(const std::string& source_path, const std::string& stem,
+                         const Target* target, const std::string& target_label, const Error& error,
+                         const JobOptions& options) {
+  JobOptions no_import = options;
+  return refuse(source_path, stem + "@" + safe_name(target_label), target, error, no_import);
+}
+
+std::string to_json(const std::vector<ClipSummary>& summaries) {
+  json out = json::array();
+  for (const ClipSummary& s : summaries) {
+    out.push_back({{"source", s.source}, {"clip", s.clip}, {"stem", s.stem},
+                   {"status", static_cast<int>(s.status)}, {"code", s.code},
+                   {"message", s.message}, {"worst_error_mm", s.worst_error_mm},
+                   {"error_p95_mm", s.error_p95_mm}, {"violations", s.violations},
+                   {"frames", s.frames}});
+  }
+  return out.dump(-1, ' ', false, json::error_handler_t::replace);
+}
+
+std::vector<ClipSummary> summaries_from_json(const std::string& text) {
+  std::vector<ClipSummary> out;
+  const json document = json::parse(text, nullptr, false);
+  if (!document.is_array()) return out;
+  for (const json& s : document) {
+    out.push_back({.source = s["source"], .clip = s["clip"], .stem = s["stem"],
+                   .status = static_cast<Status>(s["status"].get<int>()), .code = s["code"],
+                   .message = s["message"], .worst_error_mm = s["worst_error_mm"],
+                   .error_p95_mm = s["error_p95_mm"], .violations = s["violations"],
+                   .frames = s["frames"]});
+  }
+  return out;
+}
+
+}  // namespace limber

@@ -1,0 +1,54 @@
+#pragma once
+
+#include <filesystem>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "pipeline/clip_record.h"
+#include "pipeline/isolated.h"
+
+namespace limber {
+
+/// How sources are retargeted; what the flags of `limber retarget` say.
+struct JobOptions {
+  RetargetOptions retarget;
+  ImportOptions import;
+  ReferenceChoice reference;
+  std::optional<std::string> clip;
+  std::optional<std::pair<std::int64_t, std::int64_t>> range;  ///< frames [first, last], whole clip's
+  std::optional<double> rate_hz;
+  std::vector<std::string> formats = {"glb", "bvh"};
+  std::filesystem::path output;
+  std::optional<std::filesystem::path> map;
+  SandboxMode sandbox = SandboxMode::automatic;
+};
+
+/// How the target of a job is read: the map's roles, and the reader of the whole program.
+Result<TargetOptions> target_options(const JobOptions&);
+
+/// One line of the summary.
+struct ClipSummary {
+  std::string source, clip, stem;
+  Status status = Status::fail;
+  std::string code, message;  ///< of the first error or warning
+  double worst_error_mm = 0.0, error_p95_mm = 0.0;
+  std::int64_t violations = 0, frames = 0;
+};
+
+/// Retargets every clip of one source (or the one that is named) and writes files, sheet and report
+/// for each. `stem` is the source's part of the output names. Never throws; a refused source gets
+/// a report alone.
+std::vector<ClipSummary> run_source(const std::string& source_path, const std::string& stem,
+                                    const Target&, const JobOptions&);
+
+/// The same for a source whose process died: a report that says so.
+ClipSummary record_death(const std::string& source_path, const std::string& stem,
+                         const Target* target, const std::string& target_label, const Error&,
+                         const JobOptions&);
+
+std::string to_json(const std::vector<ClipSummary>&);
+std::vector<ClipSummary> summaries_from_json(const std::string&);
+
+}  // namespace limber

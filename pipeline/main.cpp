@@ -1,0 +1,277 @@
+#include <fmt/format.h>
+
+#include <CLI/CLI.hpp>
+#include <exception>
+#include <sstream>
+
+#include "pipeline/bench_command.h"
+#include "pipeline/commands.h"
+#include "pipeline/version.h"
+
+namespace limber {
+namespace {
+
+/// Units as people write them, in metres.
+const std::map<std::string, double> kUnits = {{"m", 1.0},     {"dm", 0.1},    {"cm", 0.01},
+                                              {"mm", 0.001},  {"in", 0.0254}, {"inch", 0.0254},
+                                              {"ft", 0.3048}, {"cmu", 0.0254 / 0.45}};
+
+struct ImportFlags {
+  std::string reader = "auto", unit, up;
+
+  void add(CLI::App& app) {
+    app.add_option("--reader", reader, "auto: exact readers for BVH and glTF, assimp for the rest")
+        ->check(CLI::IsMember({"auto", "assimp"}))
+        ->capture_default_str();
+    app.add_option("--unit", unit, "length unit of the file: m, dm, cm, mm, in, ft, cmu");
+    app.add_option("--up", up, "up axis of the file")->check(CLI::IsMember({"y", "z"}));
+  }
+  ImportOptions options() const {
+    ImportOptions out;
+    if (reader == "assimp") out.reader = ReaderChoice::assimp;
+    if (!unit.empty()) {
+      const auto known = kUnits.find(unit);
+      if (known == kUnits.end()) throw CLI::ValidationError("--unit", "unknown unit " + unit);
+      out.unit_m = known->second;
+    }
+    if (!up.empty()) out.up = up[0];
+    return out;
+  }
+};
+
+std::pair<std::int64_t, std::int64_t> parse_range(const std::string& text) {
+  std::istringstream in(text);
+  std::int64_t first = 0, last = 0;
+  char colon = 0;
+  if (!(in >> first >> colon >> last) || colon != ':' || !in.eof()) {
+    throw CLI::ValidationError("--range", "expected FIRST:LAST, e.g. 100:250");
+  }
+  return {first, last};
+}
+
+ReferenceChoice parse_reference(const std::string& text) {
+  ReferenceChoice choice;
+  if (text.empty()) return choice;
+  if (text == "rest") {
+    choice.kind = ReferenceChoice::rest;
+  } else if (text == "bind") {
+    choice.kind = ReferenceChoice::bind;
+  } else if (text == "motion") {
+    choice.kind = ReferenceChoice::motion;
+  } else if (text.rfind("frame:", 0) == 0) {
+    choice.kind = ReferenceChoice::frame;
+    std::istringstream in(text.substr(6));
+    if (!(in >> choice.frame_index) || choice.frame_index < 0) {
+      throw CLI::ValidationError("--reference", "expected frame:N");
+    }
+  } else {
+    throw CLI::ValidationError("--reference", "expected rest, bind, frame:N or motion");
+  }
+  return choice;
+}
+
+class Program {
+ public:
+  Program() : app_("Limber retargets animation onto joint-limited rigs and characters, and proves it.") {
+    app_.set_version_flag("--version", std::string("limber ") + kVersion);
+    app_.require_subcommand(1);
+    add_inspect();
+    add_map();
+    add_rig();
+    add_retarget();
+    add_validate();
+    add_sheet();
+    add_bench();
+    add_doctor();
+  }
+
+  int run(int argc, char** argv) {
+    try {
+      app_.parse(argc, argv);
+    } catch (const CLI::ParseError& e) {
+      return app_.exit(e) == 0 ? kAllPassed : kUsage;
+    }
+    return code_;
+  }
+
+ private:
+  void add_inspect() {
+    auto* c = app_.add_subcommand("inspect", "what a file holds: joints, frames, unit, convention");
+    c->add_option("files", inspect_.files, "files to read")->required();
+    c->add_flag("--json", inspect_.json, "one JSON document on standard output");
+    inspect_import_.add(*c);
+    c->callback([this] {
+      inspect_.import = inspect_import_.options();
+      code_ = inspect_command(inspect_);
+    });
+  }
+
+  void add_map() {
+    auto* c = app_.add_subcommand("map", "which joint is what, and a map file to edit");
+    c->add_option("source", map_.source)->required();
+    c->add_option("target", map_.target)->required();
+    c->add_option("-o,--output", map_.output, "write the map here");
+    c->add_flag("--json", map_.json, "print the map");
+    map_import_.add(*c);
+    c->callback([this] {
+      map_.import = map_import_.options();
+      code_ = map_command(map_);
+    });
+  }
+
+  void add_rig() {
+    auto* rig = app_.add_subcommand("rig", "joint-limited rigs");
+    rig->require_subcommand(1);
+    auto* list = rig->add_subcommand("list", "the shipped rigs");
+    list->add_flag("--json", rig_json_);
+    list->callback([this] { code_ = rig_list_command(rig_json_); });
+    auto* make = rig->add_subcommand("new", "a rig with anatomical limits for a character");
+    make->add_option("character", rig_new_.character)->required();
+    make->add_option("-o,--output", rig_new_.output, "rig file to write")->required();
+    rig_import_.add(*make);
+    make->callback([this] {
+      rig_new_.import = rig_import_.options();
+      code_ = rig_new_command(rig_new_);
+    });
+    auto* show = rig->add_subcommand("show", "a rig's joints and limits");
+    show->add_option("rig", rig_show_.rig)->required();
+    show->add_option("-o,--output", rig_show_.sheet, "draw it here (PNG)");
+    show->add_flag("--json", rig_show_.json, "the rig in ikrig/1");
+    show->callback([this] { code_ = rig_show_command(rig_show_); });
+  }
+
+  void add_retarget() {
+    auto* c = app_.add_subcommand("retarget", "retarget clips onto a rig or a character");
+    c->add_option("sources", retarget_.sources, "animation files")->required();
+    c->add_option("--target", retarget_.target,
+                  "a shipped rig's name, a rig JSON, a character or a BVH")
+        ->required();
+    c->add_option("-o,--output", retarget_.job.output, "folder for outputs")->required();
+    c->add_option("--clip", clip_, "only the clip of this name");
+    c->add_option("--range", range_, "only the frames FIRST:LAST");
+    c->add_option("--map", map_file_, "a map file made by `limber map`");
+    c->add_option("--rate", rate_, "sample rate of the output, Hz")->check(CLI::PositiveNumber);
+    c->add_option("--formats", formats_, "comma-separated: glb, bvh")
+        ->delimiter(',')
+        ->check(CLI::IsMember({"glb", "bvh"}));
+    const auto on_off = CLI::IsMember({"on", "off"});
+    c->add_option("--limits", limits_, "keep joints within their limits")->check(on_off);
+    c->add_option("--contacts", contacts_, "pin feet that stand")->check(on_off);
+    c->add_option("--collision", collision_, "keep body parts apart")->check(on_off);
+    c->add_option("--root", root_, "root motion: scale with leg length, keep, or in-place")
+        ->check(CLI::IsMember({"scale", "keep", "in-place"}));
+    c->add_option("--refine", refine_, "none, or frame: measure the gap to Ceres")
+        ->check(CLI::IsMember({"none", "frame"}));
+    c->add_option("--solver", solver_)->check(CLI::IsMember({"pgs", "pgs-paper", "ceres"}));
+    c->add_option("--reference", reference_, "source's T-pose from: rest, bind, frame:N, motion");
+    c->add_option("--fingers", fingers_, "fingers that the source lacks")
+        ->check(CLI::IsMember({"rest", "curl"}));
+    c->add_option("--sandbox", sandbox_)->check(CLI::IsMember({"auto", "require", "off"}));
+    c->add_option("-j,--jobs", retarget_.processes, "clips at a time; 0: one per core")
+        ->check(CLI::NonNegativeNumber);
+    c->add_flag("--json", retarget_.json, "one JSON document on standard output");
+    retarget_import_.add(*c);
+    c->callback([this] { code_ = run_retarget(); });
+  }
+
+  int run_retarget() {
+    JobOptions& job = retarget_.job;
+    job.import = retarget_import_.options();
+    job.reference = parse_reference(reference_);
+    if (!clip_.empty()) job.clip = clip_;
+    if (!range_.empty()) job.range = parse_range(range_);
+    if (rate_ > 0.0) job.rate_hz = rate_;
+    if (!map_file_.empty()) job.map = map_file_;
+    if (!formats_.empty()) job.formats = formats_;
+    RetargetOptions& options = job.retarget;
+    options.limits = limits_ == "on";
+    options.collision = collision_ == "on";
+    options.effectors.contacts = contacts_ == "on";
+    options.effectors.root = root_ == "scale"  ? RootMode::scale
+                             : root_ == "keep" ? RootMode::keep
+                                               : RootMode::in_place;
+    options.effectors.fingers = fingers_ == "curl" ? FingerMode::curl : FingerMode::rest;
+    options.refine = refine_ == "none" ? RefineMode::none : RefineMode::frame;
+    options.solver = solver_ == "pgs"     ? SolverChoice::pgs
+                     : solver_ == "ceres" ? SolverChoice::ceres
+                                          : SolverChoice::pgs_paper;
+    job.sandbox = sandbox_ == "auto"  ? SandboxMode::automatic
+                  : sandbox_ == "off" ? SandboxMode::off
+                                      : SandboxMode::require;
+    return retarget_command(retarget_);
+  }
+
+  void add_validate() {
+    auto* c = app_.add_subcommand("validate", "check a retargeted file against its source");
+    c->add_option("file", validate_.file)->required();
+    c->add_option("--source", validate_.source, "the clip it was made from")->required();
+    c->add_option("--rig", validate_.rig, "whose limits count; default: the file's own figure");
+    c->add_flag("--json", validate_.json);
+    c->callback([this] { code_ = validate_command(validate_); });
+  }
+
+  void add_sheet() {
+    auto* c = app_.add_subcommand("sheet", "contact sheets of any files");
+    c->add_option("files", sheet_.files)->required();
+    c->add_option("-o,--output", sheet_.output, "PNG; numbered where there are several files")
+        ->required();
+    sheet_import_.add(*c);
+    c->callback([this] {
+      sheet_.import = sheet_import_.options();
+      code_ = sheet_command(sheet_);
+    });
+  }
+
+  void add_bench() {
+    auto* c = app_.add_subcommand("bench", "time and judge the solver on a workload");
+    c->add_option("workload", bench_.workload, "ikwork/1, may be gzipped")->required();
+    c->add_option("--solver", bench_.solver)->check(CLI::IsMember({"pgs", "pgs-paper", "ceres"}));
+    c->add_flag("--pos", bench_.pos, "positions alone");
+    c->add_option("--start", bench_.start)->check(CLI::IsMember({"extrapolate", "previous"}));
+    c->add_option("--lanes", bench_.lanes)->check(CLI::PositiveNumber);
+    c->add_option("--stop-mm", bench_.stop_mm)->check(CLI::PositiveNumber);
+    c->add_option("--solutions", bench_.solutions, "write the solutions here, raw float64");
+    c->add_flag("--json", bench_.json);
+    c->callback([this] { code_ = bench_command(bench_); });
+  }
+
+  void add_doctor() {
+    auto* c = app_.add_subcommand("doctor", "what this program can do here");
+    c->add_flag("--json", doctor_json_);
+    c->callback([this] { code_ = doctor_command(doctor_json_); });
+    auto* e = app_.add_subcommand("explain", "what an error or warning code means");
+    e->add_option("code", explain_)->required();
+    e->callback([this] { code_ = explain_command(explain_); });
+  }
+
+  CLI::App app_;
+  int code_ = kAllPassed;
+  InspectArgs inspect_;
+  ImportFlags inspect_import_, map_import_, rig_import_, retarget_import_, sheet_import_;
+  MapArgs map_;
+  RigNewArgs rig_new_;
+  RigShowArgs rig_show_;
+  bool rig_json_ = false, doctor_json_ = false;
+  RetargetArgs retarget_;
+  std::string clip_, range_, map_file_, limits_ = "on", contacts_ = "on", collision_ = "on",
+                                        root_ = "scale", refine_ = "frame", solver_ = "pgs",
+                                        reference_, fingers_ = "rest", sandbox_ = "auto";
+  double rate_ = 0.0;
+  std::vector<std::string> formats_;
+  ValidateArgs validate_;
+  SheetArgs sheet_;
+  BenchArgs bench_;
+  std::string explain_;
+};
+
+}  // namespace
+}  // namespace limber
+
+int main(int argc, char** argv) {
+  try {
+    return limber::Program().run(argc, argv);
+  } catch (const std::exception& e) {
+    fmt::print(stderr, "limber: {}\n", e.what());
+    return limber::kEnvironment;
+  }
+}

@@ -1,0 +1,42 @@
+#include "pipeline/map_file.h"
+
+#include <nlohmann/json.hpp>
+
+#include "pipeline/file_io.h"
+
+namespace limber {
+
+Result<MapFile> read_map_file(const std::filesystem::path& path) {
+  auto text = read_text(path);
+  if (!text) return text.error();
+  const auto invalid = [&](std::string message) {
+    return Error{.code = "map-file",
+                 .message = std::move(message),
+                 .file = path.string(),
+                 .hint = "start from a file that `limber map SOURCE TARGET -o` wrote"};
+  };
+  const auto document = nlohmann::json::parse(*text, nullptr, false);
+  if (document.is_discarded()) return invalid("not JSON");
+  if (!document.is_object() || document.value("format", "") != "limber-map/1") {
+    return invalid("/format: expected \"limber-map/1\"");
+  }
+  MapFile map;
+  for (const char* side : {"source", "target"}) {
+    if (!document.contains(side)) continue;
+    const auto& entry = document[side];
+    if (!entry.is_object()) return invalid(std::string("/") + side + ": expected an object");
+    if (!entry.contains("roles")) continue;
+    if (!entry["roles"].is_object()) {
+      return invalid(std::string("/") + side + "/roles: expected an object");
+    }
+    for (const auto& [role, joint] : entry["roles"].items()) {
+      if (!joint.is_string()) {
+        return invalid(std::string("/") + side + "/roles/" + role + ": expected a joint's name");
+      }
+      (side == std::string("source") ? map.source : map.target)[role] = joint.get<std::string>();
+    }
+  }
+  return map;
+}
+
+}  // namespace limber

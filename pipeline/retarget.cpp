@@ -1,0 +1,218 @@
+#include "pipeline/retarget.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "solver/swing_twist.h"
+#include "validation/ceres_refiner.h"
+
+namespace limber {
+namespace {
+
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+
+constexpr std::size_t kRefinedWorst = 4;   // frames with the largest error that Ceres checks
+constexpr std::size_t kRefinedEven = 8;    // and an even sample
+constexpr double kBentTolerance = M_PI / 180.0;
+constexpr double kReachableM = 1e-3;
+
+std::string name_of(SolverChoice choice) {
+  switch (choice) {
+    case SolverChoice::pgs: return "pgs";
+    case SolverChoice::pgs_paper: return "pgs-paper";
+    case SolverChoice::ceres: return "ceres";
+  }
+  return "";
+}
+
+/// Joints that follow a namesake in the source have no limits: they turn as it does.
+void release_carried(Rig& rig, const EffectorTrack& track) {
+  const std::size_t rows = rig.joints.size();
+  for (std::size_t i = 0; i < rows; ++i) {
+    RigJoint& row = rig.joints[i];
+    if (row.type != JointType::fixed) continue;
+    for (std::int64_t f = 0; f < track.frames; ++f) {
+      if (rotation_angle(track.guess[std::size_t(f) * rows + i].rotation(), row.rest) < 1e-9) {
+        continue;
+      }
+      row.type = JointType::ball;
+      row.limits = {};
+      break;
+    }
+  }
+}
+
+/// Solves frame after frame. Each starts from its own first guess, so that the result of a frame
+/// does not depend on where the clip was cut.
+class ClipSolver {
+ public:
+  ClipSolver(const RetargetOptions& options, Retargeted& out) : options_(options), out_(out) {}
+
+  Result<void> run() {
+    IkOptions ik;
+    ik.method = options_.solver == SolverChoice::pgs_paper ? IkMethod::pgs_paper : IkMethod::pgs;
+    ik.stop_at_tolerance = false;
+    auto solver = IkSolver::create(out_.rig, ik);
+    if (!solver) return solver.error();
+    const std::size_t rows = out_.rig.joints.size();
+    const std::int64_t frames = out_.track.frames;
+    out_.rig_clip.joints = static_cast<std::int32_t>(rows);
+    out_.rig_clip.parent_from_joint.resize(std::size_t(frames) * rows);
+    out_.solver.name = name_of(options_.solver);
+    std::vector<DualQuaternion> pose(rows);
+    for (std::int64_t f = 0; f < frames; ++f) {
+      const auto guess = out_.track.guess.begin() + f * std::int64_t(rows);
+      std::copy(guess, guess + std::int64_t(rows), pose.begin());
+      project_into_limits(out_.rig, pose);
+      if (options_.solver == SolverChoice::ceres) {
+        if (auto r = refine_with_ceres(out_.rig, out_.track.at(f), pose, {.max_iterations = 50});
+            !r) {
+          return r.error();
+        }
+      } else {
+        const IkReport report = solver->solve(out_.track.at(f), pose);
+        out_.solver.relinearisations.push_back(report.relinearisations);
+        out_.solver.tree_passes += report.tree_passes;
+        out_.solver.sweeps += report.sweeps;
+        out_.solver.residual_max = std::max(out_.solver.residual_max, report.residual);
+      }
+      std::copy(pose.begin(), pose.end(), out_.rig_clip.frame(f).begin());
+    }
+    return {};
+  }
+
+ private:
+  const RetargetOptions& options_;
+  Retargeted& out_;
+};
+
+void model_of_rows(const Rig& rig, std::span<const DualQuaternion> local,
+                   std::vector<DualQuaternion>& model) {
+  model.resize(local.size());
+  for (std::size_t i = 0; i < local.size(); ++i) {
+    const std::int32_t parent = rig.joints[i].parent;
+    model[i] = parent == kNoJoint ? local[i] : model[parent] * local[i];
+  }
+}
+
+void measure_errors(Retargeted& out) {
+  std::vector<std::size_t> strong;
+  for (std::size_t e = 0; e < out.rig.effectors.size(); ++e) {
+    if (!out.rig.effectors[e].strong) continue;
+    strong.push_back(e);
+    out.errors.push_back({.name = out.rig.effectors[e].name, .position_mm = {}, .orientation_deg = {}});
+  }
+  std::vector<DualQuaternion> model;
+  for (std::int64_t f = 0; f < out.track.frames; ++f) {
+    model_of_rows(out.rig, out.rig_clip.frame(f), model);
+    double worst = 0.0;
+    for (std::size_t s = 0; s < strong.size(); ++s) {
+      const RigEffector& effector = out.rig.effectors[strong[s]];
+      const DualQuaternion& target = out.track.at(f)[strong[s]].pose;
+      EffectorError& error = out.errors[s];
+      bool reached = true;
+      if (effector.kind == EffectorKind::pose || effector.kind == EffectorKind::position) {
+        const Vector3d p = model[effector.joint].transform_point(effector.offset);
+        const double d = (p - target.translation()).norm();
+        error.position_mm.push_back(1e3 * d);
+        worst = std::max(worst, 1e3 * d);
+        reached = d < kReachableM;
+      }
+      if (effector.kind != EffectorKind::position) {
+        error.orientation_deg.push_back(
+            rotation_angle(model[effector.joint].rotation(), target.rotation()) * 180.0 / M_PI);
+      }
+      error.reachable_frames += reached;
+    }
+    out.worst_error_mm.push_back(worst);
+  }
+}
+
+void find_bent_joints(Retargeted& out) {
+  Clip guess = out.rig_clip;
+  guess.parent_from_joint = out.track.guess;
+  for (const JointExcess& excess : limit_excess(out.rig, guess, kBentTolerance)) {
+    out.bent.push_back({out.rig.joints[excess.joint].name, excess.frames});
+    out.source_excess_deg = std::max(out.source_excess_deg, excess.max_deg);
+  }
+  std::stable_sort(out.bent.begin(), out.bent.end(),
+                   [](const BentJoint& a, const BentJoint& b) { return a.frames > b.frames; });
+}
+
+std::vector<std::int64_t> frames_to_refine(const Retargeted& out) {
+  std::vector<std::int64_t> frames(static_cast<std::size_t>(out.track.frames));
+  for (std::size_t i = 0; i < frames.size(); ++i) frames[i] = static_cast<std::int64_t>(i);
+  std::stable_sort(frames.begin(), frames.end(), [&](std::int64_t a, std::int64_t b) {
+    return out.worst_error_mm[a] > out.worst_error_mm[b];
+  });
+  frames.resize(std::min(frames.size(), kRefinedWorst));
+  for (std::size_t k = 0; k < kRefinedEven; ++k) {
+    frames.push_back(std::int64_t(k) * (out.track.frames - 1) / std::int64_t(kRefinedEven - 1));
+  }
+  std::sort(frames.begin(), frames.end());
+  frames.erase(std::unique(frames.begin(), frames.end()), frames.end());
+  return frames;
+}
+
+Result<void> measure_gap(Retargeted& out) {
+  for (const std::int64_t f : frames_to_refine(out)) {
+    const auto frame = out.rig_clip.frame(f);
+    std::vector<DualQuaternion> pose(frame.begin(), frame.end());
+    auto report = refine_with_ceres(out.rig, out.track.at(f), pose);
+    if (!report) return report.error();
+    out.refine.frames.push_back(f);
+    out.refine.gap_percent.push_back(report->gap_percent);
+  }
+  return {};
+}
+
+/// Keeps the frames [first, last] of a track.
+void cut(EffectorTrack& track, std::int64_t first, std::int64_t last) {
+  const auto keep = [&](auto& values) {
+    if (values.empty()) return;
+    const auto per_frame = std::int64_t(values.size()) / track.frames;
+    values.erase(values.begin() + (last + 1) * per_frame, values.end());
+    values.erase(values.begin(), values.begin() + first * per_frame);
+  };
+  keep(track.targets);
+  keep(track.guess);
+  keep(track.left_contact);
+  keep(track.right_contact);
+  track.frames = last - first + 1;
+}
+
+}  // namespace
+
+Result<Retargeted> retarget_clip(const SourceMotion& source, const Target& target,
+                                 const RetargetOptions& options) {
+  auto track = extract_effectors(source, target, options.effectors);
+  if (!track) return track.error();
+  Retargeted out;
+  out.track = std::move(*track);
+  if (options.range) cut(out.track, options.range->first, options.range->second);
+  out.rig = target.rig;
+  release_carried(out.rig, out.track);
+  out.rig.effectors = out.track.effectors;
+  out.rig_clip.rate_hz = source.clip->rate_hz;
+  out.rig_clip.start_s =
+      source.clip->start_s + (options.range ? double(options.range->first) : 0.0) / source.clip->rate_hz;
+  out.rig_clip.name = source.clip->name;
+  if (auto r = ClipSolver(options, out).run(); !r) return r.error();
+
+  out.clip = out.rig_clip;
+  out.clip.joints = target.character.skeleton.size();
+  out.clip.parent_from_joint.resize(std::size_t(out.track.frames) * out.clip.joints);
+  for (std::int64_t f = 0; f < out.track.frames; ++f) {
+    skeleton_local_from_rig(target, out.rig_clip.frame(f), out.clip.frame(f));
+  }
+  make_signs_continuous(out.clip);
+  measure_errors(out);
+  if (options.limits) find_bent_joints(out);
+  if (options.refine != RefineMode::none) {
+    if (auto r = measure_gap(out); !r) return r.error();
+  }
+  return out;
+}
+
+}  // namespace limber

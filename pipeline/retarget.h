@@ -1,0 +1,71 @@
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "pipeline/effectors.h"
+#include "pipeline/target.h"
+#include "validation/limit_check.h"
+
+namespace limber {
+
+enum class SolverChoice : std::uint8_t { pgs, pgs_paper, ceres };
+enum class RefineMode : std::uint8_t { none, frame, clip };
+
+struct RetargetOptions {
+  EffectorOptions effectors;
+  SolverChoice solver = SolverChoice::pgs;
+  RefineMode refine = RefineMode::frame;
+  bool limits = true;
+  bool collision = true;
+  /// Frames [first, last] of the result to keep. Ground, contacts and scale come from the whole
+  /// clip, so that a range gives the frames that the whole clip gives.
+  std::optional<std::pair<std::int64_t, std::int64_t>> range;
+};
+
+struct EffectorError {
+  std::string name;
+  std::int64_t reachable_frames = 0;
+  std::vector<double> position_mm, orientation_deg;  ///< [frame]; empty where it has no such target
+};
+
+struct SolverFigures {
+  std::string name;
+  std::vector<double> relinearisations;  ///< [frame]
+  std::int64_t tree_passes = 0, sweeps = 0;
+  double residual_max = 0.0;
+};
+
+/// Joints whose source rotation lies beyond the target's limits.
+struct BentJoint {
+  std::string joint;
+  std::int64_t frames = 0;
+};
+
+struct RefineFigures {
+  std::vector<double> gap_percent;  ///< one per checked frame
+  std::vector<std::int64_t> frames;
+};
+
+struct Retargeted {
+  Clip clip;                 ///< on the target's skeleton
+  Rig rig;                   ///< the target's rig with this clip's effectors
+  Clip rig_clip;             ///< the same motion on the rig's rows
+  EffectorTrack track;
+  std::vector<EffectorError> errors;   ///< strong effectors
+  std::vector<double> worst_error_mm;  ///< [frame], over strong effectors
+  SolverFigures solver;
+  std::vector<BentJoint> bent;
+  double source_excess_deg = 0.0;
+  RefineFigures refine;
+  Warnings warnings;
+};
+
+/// Retargets one clip: extracts effectors, solves every frame within limits, measures the gap to
+/// Ceres. The source's clip must be on its character's skeleton.
+Result<Retargeted> retarget_clip(const SourceMotion&, const Target&, const RetargetOptions&);
+
+}  // namespace limber

@@ -1,0 +1,310 @@
+// The outer loop.
+//
+// f(x) = sum of the squared weighted effector errors, x the coordinates, limits a convex set C
+// (boxes and ellipses, see ik_tree.cpp). Per relinearisation
+//   d = argmin 1/2 d'(J'WJ + mu D) d - d'J'We,  x + d in C,
+// and x <- x + d where f fell. mu is Levenberg's: it grows until f falls, so f never rises and a
+// target out of reach ends in a stable best reach; it shrinks with the agreement of predicted and
+// actual fall (Nielsen 1999). At a fixed point d = 0, and the linear problem's own optimality,
+// projected_residual = 0, is the optimality of f in C: what plain projected Gauss-Seidel sweeps
+// would converge to, here reached through the tree (tree_elimination.cpp).
+//
+// pgs_paper is Kenwright 2013 as its text gives it: fixed damping (eq. 30), a few sweeps per
+// relinearisation, its stopping rules (section VII.B): a cap, small errors, a small step, a step
+// that stays the same. It has no control of the step, so the best pose met on the way is kept.
+#include "solver/ik_solver.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "solver/jacobian.h"
+#include "solver/pgs.h"
+#include "solver/tree_elimination.h"
+
+namespace limber {
+
+struct IkSolver::State {
+  State(const Rig& source, const IkOptions& chosen)
+      : rig(source),
+        options(chosen),
+        tree(source),
+        elimination(tree),
+        goals(tree.effectors.size()),
+        now(tree.make_state()),
+        next(now),
+        best(now),
+        at_now(tree.make_kinematics()),
+        at_next(at_now),
+        step(Eigen::VectorXd::Zero(tree.coordinate_count())) {
+    load.inertia.resize(tree.nodes.size());
+    load.pull.resize(tree.nodes.size());
+    for (const IkNode& node : tree.nodes) {
+      if (node.ellipse) ellipses.push_back({node.coordinate, node.swing});
+    }
+    gradient = diagonal = end = last_step = step;
+    if (options.method == IkMethod::pgs_paper) {
+      a.resize(step.size(), step.size());
+      b = step;
+    }
+  }
+
+  bool reached(const IkKinematics&) const;
+  bool done(const IkKinematics& k) const {
+    return k.cost <= options.stop_cost || (options.stop_at_tolerance && reached(k));
+  }
+  void linearise();
+  double measure_residual(double damping);
+  void descend(IkReport&);
+  void descend_paper(IkReport&);
+  void restart(int attempt);
+  void solve_with_restarts(IkReport&);
+
+  Rig rig;
+  IkOptions options;
+  IkTree tree;
+  TreeElimination elimination;
+  std::vector<IkGoal> goals;
+  std::vector<EllipseLimit> ellipses;
+  IkState now, next, best;
+  IkKinematics at_now, at_next;
+  EffectorLoad load;
+  Eigen::VectorXd step, last_step, gradient, diagonal, end;
+  Eigen::MatrixXd a;
+  Eigen::VectorXd b;
+};
+
+bool IkSolver::State::reached(const IkKinematics& k) const {
+  for (std::size_t e = 0; e < goals.size(); ++e) {
+    if (!tree.effectors[e].strong) continue;
+    if (goals[e].mass > 0.0 && k.error[e].position.norm() > options.stop_position_m) return false;
+    if (goals[e].inertia > 0.0 && k.error[e].rotation.norm() > options.stop_orientation_rad) {
+      return false;
+    }
+  }
+  return true;
+}
+
+void IkSolver::State::linearise() {
+  tree.linearise(now, at_now);
+  effector_load(tree, goals, at_now, load);
+}
+
+/// Of the last linear problem, at its step: gradient (H + damping D) step - J'We, by composite
+/// inertias and node twists.
+double IkSolver::State::measure_residual(double damping) {
+  const auto twist = elimination.node_twist();
+  for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
+    load.pull[n] = load.inertia[n] * twist[n] - load.pull[n];
+  }
+  compose_load(tree, load);
+  for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
+    const IkNode& node = tree.nodes[n];
+    for (std::int32_t k = node.coordinate; k < node.coordinate + node.coordinates; ++k) {
+      const double armature = damping * tree.damping[k];
+      gradient[k] = at_now.axis[k].dot(load.pull[n]) + armature * step[k];
+      diagonal[k] = at_now.axis[k].dot(load.inertia[n] * at_now.axis[k]) + armature;
+    }
+  }
+  end = now.x + step;
+  tree.project(end);
+  return projected_residual(end, gradient, diagonal, tree.min, tree.max, ellipses);
+}
+
+void IkSolver::State::descend(IkReport& report) {
+  tree.evaluate(now, goals, at_now);
+  report.converged = done(at_now);
+  if (report.converged || tree.nodes.empty()) return;
+  elimination.reset(now.x);
+  double damping = options.damping, growth = 2.0;
+  constexpr double kLeast = 1e-9, kMost = 1e8;
+  while (!report.converged && report.relinearisations < options.max_relinearisations) {
+    ++report.relinearisations;
+    linearise();
+    elimination.linearise(at_now, load);
+    bool fell = false;
+    double tried = damping;
+    EliminationStats stats;
+    while (!fell) {
+      tried = damping;
+      stats = elimination.solve(now.x, damping, step);
+      report.tree_passes += stats.passes;
+      tree.move(now, step, next);
+      tree.evaluate(next, goals, at_next);
+      const double predicted =
+          at_now.cost - predicted_cost(tree, goals, at_now, elimination.node_twist());
+      const double actual = at_now.cost - at_next.cost;
+      fell = actual >= 0.0;
+      const double largest = step.size() > 0 ? step.cwiseAbs().maxCoeff() : 0.0;
+      const bool negligible = largest < options.stop_step;
+      if (fell) {
+        const double agreement = predicted > 0.0 ? actual / predicted : 1.0;
+        const double cube = (2.0 * agreement - 1.0) * (2.0 * agreement - 1.0) * (2.0 * agreement - 1.0);
+        damping = std::max(kLeast, damping * std::max(0.1, 1.0 - cube));
+        growth = 2.0;
+        report.converged =
+            done(at_next) || ((negligible || actual < options.stop_cost_decrease * at_now.cost) &&
+                              stats.settled && agreement > 0.25);
+      } else {
+        damping *= growth;
+        growth *= 2.0;
+        if (negligible || damping > kMost) {
+          report.converged = true;
+          break;
+        }
+      }
+    }
+    report.residual = -tried;  // measured below, once
+    if (!fell) break;
+    if (report.converged || report.relinearisations == options.max_relinearisations) {
+      report.residual = measure_residual(tried);
+    }
+    std::swap(now, next);
+    std::swap(at_now, at_next);
+  }
+  if (report.residual < 0.0) report.residual = measure_residual(-report.residual);
+}
+
+void IkSolver::State::descend_paper(IkReport& report) {
+  tree.evaluate(now, goals, at_now);
+  best = now;
+  double best_cost = at_now.cost;
+  report.converged = done(at_now);
+  step.setZero();
+  double last_change = -1.0;
+  while (!report.converged && report.relinearisations < options.max_relinearisations) {
+    ++report.relinearisations;
+    linearise();
+    compose_load(tree, load);
+    normal_equations(tree, at_now, load, a, b);
+    a.diagonal() += options.damping * tree.damping;
+    step.setZero();
+    const PgsStats stats = solve_pgs({a, b, now.x, tree.min, tree.max, ellipses}, step,
+                                     {.max_sweeps = options.sweeps, .tolerance = options.stop_step});
+    report.sweeps += stats.sweeps;
+    gradient.noalias() = a * step;
+    gradient -= b;
+    diagonal = a.diagonal();
+    end = now.x + step;
+    report.residual = projected_residual(end, gradient, diagonal, tree.min, tree.max, ellipses);
+    tree.move(now, step, next);
+    tree.evaluate(next, goals, at_next);
+    std::swap(now, next);
+    std::swap(at_now, at_next);
+    if (at_now.cost < best_cost) {
+      best_cost = at_now.cost;
+      best = now;
+    }
+    const double change = step.size() > 0 ? step.cwiseAbs().maxCoeff() : 0.0;
+    const bool same = std::abs(change - last_change) < options.stop_step;
+    last_change = change;
+    report.converged = done(at_now) || change < options.stop_step || same;
+  }
+  std::swap(now, best);
+  tree.evaluate(now, goals, at_now);
+}
+
+/// Another start: coordinates with a range drawn from a fixed sequence, the others kept.
+void IkSolver::State::restart(int attempt) {
+  std::uint64_t seed = 0x9e3779b97f4a7c15ULL * static_cast<std::uint64_t>(attempt + 1);
+  const auto uniform = [&seed] {  // splitmix64
+    seed += 0x9e3779b97f4a7c15ULL;
+    std::uint64_t z = seed;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
+    return static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-53;
+  };
+  for (Eigen::Index k = 0; k < now.x.size(); ++k) {
+    if (std::isfinite(tree.min[k])) now.x[k] = tree.min[k] + uniform() * (tree.max[k] - tree.min[k]);
+  }
+  for (const EllipseLimit& e : ellipses) {
+    now.x[e.coordinate] = e.swing.min0 + uniform() * (e.swing.max0 - e.swing.min0);
+    now.x[e.coordinate + 1] = e.swing.min1 + uniform() * (e.swing.max1 - e.swing.min1);
+  }
+  tree.project(now.x);
+}
+
+void IkSolver::State::solve_with_restarts(IkReport& report) {
+  descend(report);
+  if (options.restarts == 0 || reached(at_now)) return;
+  best = now;
+  double best_cost = at_now.cost;
+  IkReport kept = report;
+  for (int i = 0; i < options.restarts; ++i) {
+    restart(i);
+    IkReport tried;
+    descend(tried);
+    report.relinearisations += tried.relinearisations;
+    report.tree_passes += tried.tree_passes;
+    const bool there = reached(at_now);
+    if (there || at_now.cost < best_cost) {
+      best = now;
+      best_cost = at_now.cost;
+      kept.residual = tried.residual;
+      kept.converged = tried.converged;
+    }
+    if (there) break;
+  }
+  report.residual = kept.residual;
+  report.converged = kept.converged;
+  std::swap(now, best);
+  tree.evaluate(now, goals, at_now);
+}
+
+IkSolver::IkSolver(std::unique_ptr<State> state) : state_(std::move(state)) {}
+IkSolver::IkSolver(IkSolver&&) noexcept = default;
+IkSolver& IkSolver::operator=(IkSolver&&) noexcept = default;
+IkSolver::~IkSolver() = default;
+
+Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
+  if (Result<void> valid = validate(rig); !valid) return valid.error();
+  if (!(options.damping > 0.0) || options.max_relinearisations < 1 || options.sweeps < 1 ||
+      !(options.stop_step >= 0.0) || options.restarts < 0) {
+    return Error{.code = "solver-options",
+                 .message = "damping must be positive; relinearisations and sweeps at least one",
+                 .hint = "leave the option out to get its default"};
+  }
+  return IkSolver(std::make_unique<State>(rig, options));
+}
+
+IkReport IkSolver::solve(std::span<const EffectorTarget> targets,
+                         std::span<DualQuaternion> pose) {
+  State& s = *state_;
+  IkReport report;
+  s.tree.resolve(targets, s.goals);
+  s.tree.load(pose, s.now);
+  if (s.options.method == IkMethod::pgs_paper) {
+    s.descend_paper(report);
+  } else {
+    s.solve_with_restarts(report);
+  }
+  report.cost = s.at_now.cost;
+  report.reached = s.reached(s.at_now);
+  if (report.relinearisations == 0) {
+    project_into_limits(s.rig, pose);  // what is inside stays bit for bit
+  } else {
+    for (const std::int32_t joint : s.tree.outside) project_joint(s.rig, joint, pose);
+    s.tree.store(s.now, pose);
+  }
+  return report;
+}
+
+double effector_cost(const Rig& rig, std::span<const EffectorTarget> targets,
+                     std::span<const DualQuaternion> pose) {
+  Pose world(pose.size());
+  for (std::int32_t i = 0; i < rig.size(); ++i) {
+    const std::int32_t parent = rig.joints[i].parent;
+    world[i] = parent < 0 ? pose[i] : world[parent] * pose[i];
+  }
+  double cost = 0.0;
+  for (std::size_t e = 0; e < rig.effectors.size(); ++e) {
+    const IkEffector effector = make_effector(rig.effectors[e], -1, DualQuaternion::identity());
+    const IkGoal goal = make_goal(effector, targets[e]);
+    const DualQuaternion& joint = world[rig.effectors[e].joint];
+    IkError error;
+    measure_error(effector, goal, joint.rotation(), joint.transform_point(effector.offset), error);
+    cost += goal.mass * error.position.squaredNorm() + goal.inertia * error.rotation.squaredNorm();
+  }
+  return cost;
+}
+
+}  // namespace limber

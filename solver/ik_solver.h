@@ -1,0 +1,78 @@
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "assets/model/result.h"
+#include "assets/model/rig.h"
+
+namespace limber {
+
+/// What one effector is pulled to, in world space. `weight` scales the effector's own weights for
+/// this frame (0: absent). For a line, `pose` carries the effector's offset and axis.
+struct EffectorTarget {
+  DualQuaternion pose;
+  double weight = 1.0;
+};
+
+enum class IkMethod : std::uint8_t {
+  pgs,        ///< tree elimination as preconditioner, locked limits, projected Gauss-Seidel rows
+  pgs_paper,  ///< Kenwright 2013: damped normal equations, plain projected Gauss-Seidel sweeps
+};
+
+struct IkOptions {
+  IkMethod method = IkMethod::pgs;
+  double stop_position_m = 1e-4;  ///< every strong effector below both: done
+  double stop_orientation_rad = 8.7266e-4;
+  /// true: done as soon as the strong effectors are within tolerance. false: go on until the cost
+  /// stops falling, so that weak effectors have their say (retargeting).
+  bool stop_at_tolerance = true;
+  double stop_step = 1e-7;           ///< largest coordinate step (rad, m) that still counts
+  double stop_cost_decrease = 1e-6;  ///< relative fall of the cost per step that still counts
+  double stop_cost = 1e-14;          ///< below it (m^2) there is nothing left to gain
+  int max_relinearisations = 60;
+  int sweeps = 3;         ///< pgs_paper: per relinearisation
+  double damping = 1e-4;  ///< D; rotations (rad); translations: damping / l^2 with l = 1 m
+  /// pgs: other starts to try, always the same ones, where the first ends out of tolerance. For
+  /// poses that stand alone; in a clip they would pop.
+  int restarts = 0;
+};
+
+struct IkReport {
+  int relinearisations = 0;
+  int tree_passes = 0;
+  int sweeps = 0;
+  double residual = 0.0;   ///< |x - P(x - diag^-1 (Ax - b))|_inf of the last linear problem
+  double cost = 0.0;       ///< sum (wp |dp|)^2 + (0.1 wr |dtheta|)^2
+  bool converged = false;  ///< stopped by tolerance, step or cost, not by the iteration cap
+  bool reached = false;    ///< every strong effector is within the stop tolerances
+};
+
+/// Joint-limited inverse kinematics for one rig. Not thread-safe; one instance per thread.
+class IkSolver {
+ public:
+  static Result<IkSolver> create(const Rig&, const IkOptions& = {});
+  IkSolver(IkSolver&&) noexcept;
+  IkSolver& operator=(IkSolver&&) noexcept;
+  ~IkSolver();
+
+  /// Moves the pose (start in, solution out) towards the targets, one per rig effector. Every
+  /// limited joint ends within its limits (1e-5 degrees). Unreachable targets get the best pose
+  /// found. Allocates nothing.
+  IkReport solve(std::span<const EffectorTarget> targets,
+                 std::span<DualQuaternion> parent_from_joint);
+
+ private:
+  struct State;
+  explicit IkSolver(std::unique_ptr<State>);
+  std::unique_ptr<State> state_;
+};
+
+/// Effector cost of a pose, as IkReport::cost.
+double effector_cost(const Rig&, std::span<const EffectorTarget>,
+                     std::span<const DualQuaternion> parent_from_joint);
+
+}  // namespace limber

@@ -1,0 +1,152 @@
+// The effector Jacobian and the normal equations (Kenwright 2013, sections VI and VII; its figure 8
+// is rebuilt here from rigid-body motion).
+//
+// Under the twist S = (a, v) about o, a point r moves by v + a x (r - o) and an orientation turns
+// by a. Those are the six rows of one effector and one coordinate.
+//
+// Rotation error: e = log(goal current*). The gradient of 1/2 |e|^2 along a turn w is exactly -e.w
+// (e is an eigenvector of the log's derivative), so the plain residual is the right pull for
+// isotropic weights, and identity is used for its derivative. Of a direction or line, turning about
+// the current axis changes nothing: those rows lose that component.
+//
+// A mass m (m^2: weights) at r with isotropic inertia j has, about o with d = r - o, the spatial
+// inertia [ j 1 - [d] M [d], [d] M; -M [d], M ], M = m 1, and for a line M = m (1 - n n'). The sum
+// over the effectors outside coordinate k is the composite inertia I_k, and
+//   (J'WJ)_kl = S_l' I_k S_k  for l at or above k,   (J'We)_k = S_k' (composite pull).
+#include "solver/jacobian.h"
+
+namespace limber {
+
+namespace {
+
+Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
+bool is_axial(EffectorKind kind) {
+  return kind == EffectorKind::direction || kind == EffectorKind::line;
+}
+
+}  // namespace
+
+void effector_jacobian(const IkTree& tree, std::span<const IkGoal> goals,
+                       const IkKinematics& kinematics, Eigen::Ref<Eigen::MatrixXd> jacobian) {
+  jacobian.setZero();
+  for (std::size_t e = 0; e < tree.effectors.size(); ++e) {
+    const IkEffector& effector = tree.effectors[e];
+    const IkError& error = kinematics.error[e];
+    const Eigen::Vector3d arm = error.point - kinematics.origin;
+    for (std::int32_t n = effector.node; n >= 0; n = tree.nodes[n].parent) {
+      for (std::int32_t i = 0; i < tree.nodes[n].coordinates; ++i) {
+        const std::int32_t k = tree.nodes[n].coordinate + i;
+        Eigen::Vector3d turn = kinematics.axis[k].head<3>();
+        Eigen::Vector3d move = kinematics.axis[k].tail<3>() + turn.cross(arm);
+        if (is_axial(effector.kind)) turn -= error.axis.dot(turn) * error.axis;
+        if (effector.kind == EffectorKind::line) move -= goals[e].axis.dot(move) * goals[e].axis;
+        if (goals[e].mass > 0.0) jacobian.block<3, 1>(6 * e, k) = move;
+        if (goals[e].inertia > 0.0) jacobian.block<3, 1>(6 * e + 3, k) = turn;
+      }
+    }
+  }
+}
+
+void effector_load(const IkTree& tree, std::span<const IkGoal> goals,
+                   const IkKinematics& kinematics, EffectorLoad& load) {
+  for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
+    load.inertia[n].setZero();
+    load.pull[n].setZero();
+  }
+  for (std::size_t e = 0; e < tree.effectors.size(); ++e) {
+    const IkEffector& effector = tree.effectors[e];
+    if (effector.node < 0) continue;
+    const IkGoal& goal = goals[e];
+    const IkError& error = kinematics.error[e];
+    Matrix6& inertia = load.inertia[effector.node];
+    Vector6& pull = load.pull[effector.node];
+    if (goal.mass > 0.0) {
+      const Eigen::Vector3d d = error.point - kinematics.origin;
+      const Eigen::Vector3d force = goal.mass * error.position;
+      pull.head<3>() += d.cross(force);
+      pull.tail<3>() += force;
+      if (effector.kind == EffectorKind::line) {
+        const Eigen::Matrix3d arm = cross_matrix(d);
+        const Eigen::Matrix3d mass =
+            goal.mass * (Eigen::Matrix3d::Identity() - goal.axis * goal.axis.transpose());
+        inertia.topLeftCorner<3, 3>() -= arm * mass * arm;
+        inertia.topRightCorner<3, 3>() += arm * mass;
+        inertia.bottomLeftCorner<3, 3>() -= mass * arm;
+        inertia.bottomRightCorner<3, 3>() += mass;
+      } else {
+        const double m = goal.mass, mx = m * d.x(), my = m * d.y(), mz = m * d.z();
+        inertia.topLeftCorner<3, 3>() -= (m * d) * d.transpose();
+        inertia.topLeftCorner<3, 3>().diagonal().array() += m * d.squaredNorm();
+        inertia(0, 4) -= mz, inertia(4, 0) -= mz, inertia(0, 5) += my, inertia(5, 0) += my;
+        inertia(1, 3) += mz, inertia(3, 1) += mz, inertia(1, 5) -= mx, inertia(5, 1) -= mx;
+        inertia(2, 3) -= my, inertia(3, 2) -= my, inertia(2, 4) += mx, inertia(4, 2) += mx;
+        inertia.bottomRightCorner<3, 3>().diagonal().array() += m;
+      }
+    }
+    if (goal.inertia > 0.0) {
+      pull.head<3>() += goal.inertia * error.rotation;
+      inertia.topLeftCorner<3, 3>().diagonal().array() += goal.inertia;
+      if (is_axial(effector.kind)) {
+        inertia.topLeftCorner<3, 3>() -= (goal.inertia * error.axis) * error.axis.transpose();
+      }
+    }
+  }
+}
+
+double predicted_cost(const IkTree& tree, std::span<const IkGoal> goals,
+                      const IkKinematics& kinematics, std::span<const Vector6> node_twist) {
+  double cost = 0.0;
+  for (std::size_t e = 0; e < tree.effectors.size(); ++e) {
+    const IkEffector& effector = tree.effectors[e];
+    const IkError& error = kinematics.error[e];
+    const IkGoal& goal = goals[e];
+    Eigen::Vector3d move = Eigen::Vector3d::Zero(), turn = Eigen::Vector3d::Zero();
+    if (effector.node >= 0) {
+      turn = node_twist[effector.node].head<3>();
+      move = node_twist[effector.node].tail<3>() + turn.cross(error.point - kinematics.origin);
+    }
+    if (is_axial(effector.kind)) turn -= error.axis.dot(turn) * error.axis;
+    if (effector.kind == EffectorKind::line) move -= goal.axis.dot(move) * goal.axis;
+    cost += goal.mass * (error.position - move).squaredNorm();
+    cost += goal.inertia * (error.rotation - turn).squaredNorm();
+  }
+  return cost;
+}
+
+void compose_load(const IkTree& tree, EffectorLoad& load) {
+  for (std::size_t n = tree.nodes.size(); n-- > 0;) {
+    const std::int32_t parent = tree.nodes[n].parent;
+    if (parent < 0) continue;
+    load.inertia[parent] += load.inertia[n];
+    load.pull[parent] += load.pull[n];
+  }
+}
+
+void normal_equations(const IkTree& tree, const IkKinematics& kinematics,
+                      const EffectorLoad& composite, Eigen::Ref<Eigen::MatrixXd> a,
+                      Eigen::Ref<Eigen::VectorXd> b) {
+  a.setZero();
+  for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
+    const IkNode& node = tree.nodes[n];
+    for (std::int32_t i = 0; i < node.coordinates; ++i) {
+      const std::int32_t k = node.coordinate + i;
+      const Vector6 momentum = composite.inertia[n] * kinematics.axis[k];
+      b[k] = kinematics.axis[k].dot(composite.pull[n]);
+      for (auto m = static_cast<std::int32_t>(n); m >= 0; m = tree.nodes[m].parent) {
+        const std::int32_t first = tree.nodes[m].coordinate;
+        const std::int32_t last =
+            m == static_cast<std::int32_t>(n) ? k : first + tree.nodes[m].coordinates - 1;
+        for (std::int32_t l = first; l <= last; ++l) {
+          a(l, k) = a(k, l) = kinematics.axis[l].dot(momentum);
+        }
+      }
+    }
+  }
+}
+
+}  // namespace limber

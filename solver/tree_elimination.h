@@ -1,0 +1,78 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "solver/ik_tree.h"
+#include "solver/jacobian.h"
+
+namespace limber {
+
+struct EliminationStats {
+  int passes = 0;
+  bool settled = false;  ///< no limit wanted to change any more
+};
+
+/// min 1/2 d'(J'WJ + damping D) d - d'J'We with x + d within limits, by O(n) elimination along the
+/// tree for a fixed set of active limits, and a search for that set.
+class TreeElimination {
+ public:
+  explicit TreeElimination(const IkTree&);
+
+  /// Forgets which limits are active: those that x touches count as active to begin with.
+  void reset(const Eigen::VectorXd& x);
+  /// A new place: `load` per node (not composite), twists from the kinematics.
+  void linearise(const IkKinematics&, const EffectorLoad& load);
+  /// `step`: the solution. The active set is the start for the next call.
+  EliminationStats solve(const Eigen::VectorXd& x, double damping, Eigen::VectorXd& step);
+  /// Twists of the nodes under the last step.
+  std::span<const Vector6> node_twist() const { return twist_; }
+
+ private:
+  enum class Lock : std::int8_t { none, min, max };
+  /// A swing held to the tangent of its ellipse at `point`.
+  struct SwingLock {
+    bool active = false;
+    bool corner = false;  ///< held in both coordinates
+    Eigen::Vector2d point = Eigen::Vector2d::Zero(), normal = Eigen::Vector2d::UnitX();
+    double curvature = 0.0;
+    double press = 0.0;  ///< multiplier, >= 0: how hard the objective pushes outwards
+    double slide = 0.0;  ///< the last way along the tangent
+    double reach = 1.0;  ///< the longest one allowed
+  };
+  struct Pivot {
+    Vector6 axis, momentum;  ///< S, U = I S
+    double inverse = 0.0, diagonal = 0.0, drive = 0.0;  ///< 1 / D, D, u
+    double held = 0.0;  ///< the step of a locked one
+    double pull = 0.0;  ///< extra drive, of the tangent's curvature
+    bool locked = false;
+  };
+  struct Outside {
+    Matrix6 inertia;
+    Vector6 bias;
+  };
+
+  void prepare_pivots(std::int32_t node, const Eigen::VectorXd& x, double damping);
+  void eliminate(std::int32_t node, const Eigen::VectorXd& x, double damping);
+  void substitute(Eigen::VectorXd& step);
+  bool update_box(std::int32_t node, const Eigen::VectorXd& x, const Eigen::VectorXd& step,
+                  bool may_release);
+  bool update_swing(std::int32_t node, const Eigen::VectorXd& x, const Eigen::VectorXd& step,
+                    bool may_release);
+  void hold_swing(SwingLock&, const SwingEllipse&, const Eigen::Vector2d& wish);
+
+  const IkTree& tree_;
+  const IkKinematics* kinematics_ = nullptr;
+  const EffectorLoad* load_ = nullptr;
+  std::vector<Lock> lock_;           ///< [coordinate]
+  std::vector<SwingLock> swing_;     ///< [node]
+  std::vector<Pivot> pivot_;         ///< [coordinate]
+  std::vector<Outside> outside_;     ///< [node] what its parent feels
+  std::vector<Vector6> twist_;       ///< [node]
+  std::vector<double> multiplier_;   ///< [coordinate] gradient of the objective where locked
+  std::vector<std::uint8_t> dirty_;  ///< [node]
+};
+
+}  // namespace limber

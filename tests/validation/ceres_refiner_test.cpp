@@ -1,0 +1,296 @@
+#include "validation/ceres_refiner.h"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <random>
+
+#include "validation/effector_problem.h"
+#include "validation/limit_check.h"
+
+namespace limber {
+namespace {
+
+using Eigen::Quaterniond;
+using Eigen::Vector3d;
+
+Quaterniond random_rotation(std::mt19937& random, double size) {
+  std::normal_distribution<double> normal;
+  return rotation_exp(Vector3d(size * Vector3d(normal(random), normal(random), normal(random))));
+}
+
+RigJoint joint(std::string name, std::int32_t parent, JointType type, const Vector3d& offset) {
+  RigJoint j;
+  j.name = std::move(name);
+  j.parent = parent;
+  j.type = type;
+  j.offset = offset;
+  return j;
+}
+
+/// Every joint type on one tree, and every effector kind on its tips.
+Rig zoo() {
+  std::mt19937 random(5);
+  Rig rig;
+  rig.joints = {joint("root", kNoJoint, JointType::free, {0, 1, 0}),
+                joint("spine", 0, JointType::ball, {0, 0.2, 0}),
+                joint("plate", 1, JointType::fixed, {0, 0.1, 0.05}),
+                joint("shoulder", 2, JointType::ball, {0.2, 0.1, 0}),
+                joint("elbow", 3, JointType::hinge, {0.3, 0, 0}),
+                joint("wrist", 4, JointType::universal, {0.25, 0, 0}),
+                joint("neck", 2, JointType::ball, {0, 0.25, 0})};
+  for (RigJoint& j : rig.joints) j.rest = random_rotation(random, 0.5);
+  rig.joints[1].limits = {Range{-0.7, 0.5}, Range{-0.4, 0.6}, Range{-0.5, 0.5}};
+  rig.joints[3].limits = {Range{-1.4, 1.0}, Range{-0.9, 1.5}, Range{-1.0, 1.2}};
+  rig.joints[4].limits[0] = {-0.1, 2.4};
+  rig.joints[5].limits = {Range{-0.6, 0.6}, Range{-1.0, 1.0}, Range{}};
+  const auto effector = [](std::string name, std::int32_t on, EffectorKind kind) {
+    RigEffector e;
+    e.name = std::move(name);
+    e.joint = on;
+    e.kind = kind;
+    e.offset = {0.05, -0.02, 0.03};
+    e.axis = Vector3d(1, 2, -2) / 3.0;
+    e.weight_pos = 1.3;
+    e.weight_rot = 0.7;
+    return e;
+  };
+  rig.effectors = {
+      effector("pelvis", 0, EffectorKind::pose),      effector("hand", 5, EffectorKind::position),
+      effector("palm", 5, EffectorKind::orientation), effector("gaze", 6, EffectorKind::direction),
+      effector("tool", 5, EffectorKind::line),        effector("head", 6, EffectorKind::pose)};
+  return rig;
+}
+
+/// A pose within the limits; `reach` 1 fills them, swings included.
+std::vector<DualQuaternion> random_pose(const Rig& rig, std::mt19937& random, double reach) {
+  std::uniform_real_distribution<double> unit(-1.0, 1.0);
+  std::vector<DualQuaternion> pose;
+  for (const RigJoint& j : rig.joints) {
+    const auto within = [&](const Range& range) {
+      const double u = reach * unit(random);
+      return u < 0 ? -u * range.min : u * range.max;
+    };
+    Quaterniond r = Quaterniond::Identity();
+    Vector3d t = j.offset;
+    if (j.type == JointType::hinge) r = rotation_exp(Vector3d(within(j.limits[0]) * j.axes[0]));
+    if (j.type == JointType::universal) {
+      r = rotation_exp(Vector3d(within(j.limits[0]) * j.axes[0])) *
+          rotation_exp(Vector3d(within(j.limits[1]) * j.axes[1]));
+    }
+    if (j.type == JointType::ball && j.limited()) {
+      const Vector3d swing =
+          M_SQRT1_2 * (within(j.limits[0]) * j.axes[0] + within(j.limits[1]) * j.axes[1]);
+      r = rotation_exp(swing) * rotation_exp(Vector3d(within(j.limits[2]) * j.axes[2]));
+    }
+    if (j.type == JointType::free || (j.type == JointType::ball && !j.limited())) {
+      r = random_rotation(random, 0.6 * reach);
+    }
+    if (j.type == JointType::free) t += reach * Vector3d(unit(random), unit(random), unit(random));
+    pose.push_back(DualQuaternion::from_rotation_translation(j.rest * r, t));
+  }
+  return pose;
+}
+
+std::vector<EffectorTarget> targets_at(const Rig& rig, const std::vector<DualQuaternion>& pose) {
+  std::vector<DualQuaternion> world(pose.size());
+  model_from_local(skeleton_of(rig), pose, world);
+  std::vector<EffectorTarget> targets;
+  for (const RigEffector& e : rig.effectors) {
+    targets.push_back({world[e.joint] * DualQuaternion::from_translation(e.offset), 1.0});
+  }
+  return targets;
+}
+
+double worst_excess(const Rig& rig, const std::vector<DualQuaternion>& pose) {
+  double worst = 0.0;
+  for (std::size_t i = 0; i < pose.size(); ++i) {
+    worst = std::max(worst, limit_excess(rig.joints[i], pose[i].rotation()));
+  }
+  return worst;
+}
+
+TEST(EffectorProblem, JacobianMeetsFiniteDifferences) {
+  const Rig rig = zoo();
+  ASSERT_TRUE(validate(rig).ok());
+  std::mt19937 random(17);
+  for (const double reach : {0.05, 0.5, 0.95}) {  // both charts of the swing disc
+    for (int trial = 0; trial < 20; ++trial) {
+      std::vector<EffectorTarget> targets = targets_at(rig, random_pose(rig, random, 0.8));
+      targets[1].weight = 0.4;
+      EffectorProblem problem(rig, targets);
+      problem.start_from(random_pose(rig, random, reach));
+      Eigen::VectorXd residual, ahead, behind;
+      Eigen::MatrixXd jacobian;
+      // Away from the reference of the unlimited rotations, too.
+      Eigen::VectorXd x = problem.x();
+      x.segment<3>(3) += Vector3d(0.2, -0.3, 0.1);
+      x.tail<3>() += Vector3d(-0.1, 0.3, 0.2);
+      problem.evaluate(x, residual, &jacobian);
+      const double h = 1e-6;
+      for (Eigen::Index k = 0; k < x.size(); ++k) {
+        Eigen::VectorXd moved = x;
+        moved[k] = x[k] + h;
+        problem.evaluate(moved, ahead, nullptr);
+        moved[k] = x[k] - h;
+        problem.evaluate(moved, behind, nullptr);
+        const Eigen::VectorXd slope = (ahead - behind) / (2.0 * h);
+        EXPECT_LT((slope - jacobian.col(k)).cwiseAbs().maxCoeff(), 2e-8)
+            << "coordinate " << k << " reach " << reach;
+      }
+    }
+  }
+}
+
+TEST(EffectorProblem, CostIsTheSumOfTheWeightedSquares) {
+  // One free joint: 3 cm off, turned by 0.2 rad, weights 1.3 and 0.7, target weight 0.5.
+  Rig rig;
+  rig.joints = {joint("root", kNoJoint, JointType::free, {0, 0, 0})};
+  RigEffector e;
+  e.weight_pos = 1.3;
+  e.weight_rot = 0.7;
+  rig.effectors = {e};
+  const std::vector<EffectorTarget> targets = {
+      {DualQuaternion::from_rotation_translation(rotation_exp(Vector3d(0, 0.2, 0)),
+                                                 Vector3d(0.03, 0, 0)),
+       0.5}};
+  const std::vector<DualQuaternion> pose = {DualQuaternion::identity()};
+  const EffectorProblem problem(rig, targets);
+  const double by_hand = std::pow(0.65 * 0.03, 2) + std::pow(0.1 * 0.35 * 0.2, 2);
+  EXPECT_NEAR(problem.cost_of_pose(pose), by_hand, 1e-15);
+}
+
+TEST(CeresRefiner, ReachableTargetsAreReachedFromANearbyPose) {
+  const Rig rig = zoo();
+  std::mt19937 random(23);
+  for (int trial = 0; trial < 30; ++trial) {
+    const std::vector<DualQuaternion> truth = random_pose(rig, random, 0.8);
+    const std::vector<EffectorTarget> targets = targets_at(rig, truth);
+    std::vector<DualQuaternion> pose = truth;
+    for (std::size_t i = 0; i < pose.size(); ++i) {
+      if (rig.joints[i].type == JointType::fixed) continue;
+      pose[i] = pose[i] * DualQuaternion::from_rotation(random_rotation(random, 0.05));
+    }
+    const auto report = refine_with_ceres(rig, targets, pose);
+    ASSERT_TRUE(report.ok());
+    EXPECT_LT(report->cost_after, 1e-14) << "trial " << trial;
+    EXPECT_GT(report->cost_before, 1e-6);
+    EXPECT_LT(worst_excess(rig, pose), 1e-12);
+  }
+}
+
+TEST(CeresRefiner, AnswerIsWithinLimitsAndNeverWorse) {
+  const Rig rig = zoo();
+  std::mt19937 random(29);
+  for (int trial = 0; trial < 40; ++trial) {
+    std::vector<EffectorTarget> targets = targets_at(rig, random_pose(rig, random, 1.0));
+    for (EffectorTarget& t : targets) {  // out of reach, often against several limits
+      t.pose = t.pose * DualQuaternion::from_rotation_translation(random_rotation(random, 0.7),
+                                                                  Vector3d(0.3, 0.1, -0.2));
+    }
+    std::vector<DualQuaternion> pose = random_pose(rig, random, 1.0);
+    const EffectorProblem problem(rig, targets);
+    const double before = problem.cost_of_pose(pose);
+    const auto report = refine_with_ceres(rig, targets, pose);
+    ASSERT_TRUE(report.ok());
+    EXPECT_DOUBLE_EQ(report->cost_before, before);
+    EXPECT_NEAR(report->cost_after, problem.cost_of_pose(pose), 1e-12 * before);
+    EXPECT_LE(report->cost_after, before);
+    EXPECT_GE(report->gap_percent, 0.0);
+    EXPECT_LT(worst_excess(rig, pose), 1e-12);
+    EXPECT_LE(report->iterations, RefineOptions{}.max_iterations);
+  }
+}
+
+/// Shoulder with a small swing ellipse and a limited elbow, a position target.
+Rig two_joints() {
+  Rig rig;
+  rig.joints = {joint("shoulder", kNoJoint, JointType::ball, {0, 0, 0}),
+                joint("elbow", 0, JointType::hinge, {0, 0, 0.3})};
+  rig.joints[0].limits = {Range{-0.5, 0.9}, Range{-0.7, 0.3}, Range{-0.4, 0.6}};
+  rig.joints[1].limits[0] = {0.1, 1.2};
+  RigEffector e;
+  e.joint = 1;
+  e.offset = {0, 0, 0.25};
+  e.kind = EffectorKind::position;
+  rig.effectors = {e};
+  return rig;
+}
+
+TEST(CeresRefiner, AgreesWithBruteForceOnALimitedArm) {
+  const Rig rig = two_joints();
+  std::mt19937 random(31);
+  std::normal_distribution<double> normal;
+  RefineOptions options;
+  options.max_iterations = 100;
+  int on_limit = 0;
+  for (int trial = 0; trial < 8; ++trial) {
+    const Vector3d goal = 0.45 * Vector3d(normal(random), normal(random), 1.0).normalized();
+    const std::vector<EffectorTarget> targets = {{DualQuaternion::from_translation(goal), 1.0}};
+    // Brute force: polar grid over the ellipse, grid over twist and elbow, then finer around the
+    // best, eight times.
+    double centre[4] = {0.5, 0.0, 0.1, 0.65}, width[4] = {0.5, M_PI, 0.5, 0.55}, best = 1e9;
+    for (int level = 0; level < 14; ++level) {
+      double found[4] = {centre[0], centre[1], centre[2], centre[3]};
+      for (int n = 0; n < 11 * 11 * 11 * 11; ++n) {
+        const int step[4] = {n % 11, n / 11 % 11, n / 121 % 11, n / 1331};
+        double v[4];
+        for (int k = 0; k < 4; ++k) v[k] = centre[k] + width[k] * (step[k] - 5) / 5.0;
+        v[0] = std::clamp(v[0], 0.0, 1.0);
+        v[2] = std::clamp(v[2], -0.4, 0.6);
+        v[3] = std::clamp(v[3], 0.1, 1.2);
+        const double c = v[0] * std::cos(v[1]), s = v[0] * std::sin(v[1]);
+        const Vector3d swing(c * (c < 0 ? 0.5 : 0.9), s * (s < 0 ? 0.7 : 0.3), 0.0);
+        const Vector3d tip =
+            rotation_exp(swing) * rotation_exp(Vector3d(0, 0, v[2])) *
+            (Vector3d(0, 0, 0.3) + rotation_exp(Vector3d(v[3], 0, 0)) * Vector3d(0, 0, 0.25));
+        const double cost = (tip - goal).squaredNorm();
+        if (cost < best) {
+          best = cost;
+          std::copy(v, v + 4, found);
+        }
+      }
+      std::copy(found, found + 4, centre);
+      for (double& w : width) w *= 0.5;
+    }
+    std::vector<DualQuaternion> pose = {
+        DualQuaternion::identity(), DualQuaternion::from_rotation_translation(
+                                        rotation_exp(Vector3d(0.5, 0, 0)), Vector3d(0, 0, 0.3))};
+    const auto report = refine_with_ceres(rig, targets, pose, options);
+    ASSERT_TRUE(report.ok());
+    EXPECT_NEAR(report->cost_after, best, 1e-5) << "trial " << trial;
+    EXPECT_LT(report->cost_after, best + 1e-7) << "trial " << trial;
+    on_limit += best > 1e-4;
+  }
+  EXPECT_GE(on_limit, 3) << "the trials must include targets that the limits forbid";
+}
+
+TEST(CeresRefiner, TheGapIsMeasuredAsStated) {
+  const Rig rig = two_joints();
+  std::vector<DualQuaternion> pose = {DualQuaternion::identity(),
+                                      DualQuaternion::from_rotation_translation(
+                                          rotation_exp(Vector3d(0.5, 0, 0)), Vector3d(0, 0, 0.3))};
+  const std::vector<EffectorTarget> targets = targets_at(rig, pose);
+  const auto solved = refine_with_ceres(rig, targets, pose);
+  ASSERT_TRUE(solved.ok());
+  EXPECT_EQ(solved->gap_percent, 0.0) << "two solved poses are equal, whatever their last digits";
+
+  const std::vector<EffectorTarget> far = {
+      {DualQuaternion::from_translation(Vector3d(2, 0, 0)), 1.0}};
+  const auto gap = refine_with_ceres(rig, far, pose);
+  ASSERT_TRUE(gap.ok());
+  EXPECT_NEAR(gap->gap_percent, 100.0 * (gap->cost_before / gap->cost_after - 1.0), 1e-9);
+  EXPECT_GT(gap->gap_percent, 1.0);
+}
+
+TEST(CeresRefiner, BadInputIsAnError) {
+  const Rig rig = two_joints();
+  std::vector<DualQuaternion> pose(2);
+  EXPECT_EQ(refine_with_ceres(rig, {}, pose).error().code, "refine-input");
+  std::vector<EffectorTarget> targets(1);
+  targets[0].pose.dual.x() = std::nan("");
+  EXPECT_EQ(refine_with_ceres(rig, targets, pose).error().code, "refine-input");
+}
+
+}  // namespace
+}  // namespace limber

@@ -1,0 +1,283 @@
+#include "validation/contact_sheet.h"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+
+#include "validation/sheet_parts.h"
+
+namespace limber {
+namespace {
+
+constexpr std::size_t kColumns = 10;
+constexpr std::int32_t kMargin = 36, kCellGap = 10, kCaption = 24, kRowLabel = 34, kRowGap = 10;
+constexpr std::int32_t kHeadHeight = 104, kCellHeight = 310, kWidestCell = 330;
+constexpr std::int32_t kInnerWidth = 2088;
+
+Error invalid(std::string message) {
+  return {.code = "sheet-input", .message = std::move(message), .hint = "draw a clip with frames"};
+}
+
+bool playable(const SheetFigure& figure) {
+  return figure.character != nullptr && figure.clip != nullptr && figure.clip->frames() > 0 &&
+         figure.clip->joints == figure.character->skeleton.size();
+}
+
+/// One figure with its model, ready to be posed.
+struct Actor {
+  const SheetFigure* figure = nullptr;
+  std::unique_ptr<FigureModel> model;
+  std::vector<DualQuaternion> model_from_joint;
+
+  Actor(const SheetFigure& f, std::span<const std::int32_t> tinted)
+      : figure(&f),
+        model(std::make_unique<FigureModel>(*f.character, tinted)),
+        model_from_joint(f.character->skeleton.parents.size()) {}
+
+  const BodyPlan& plan() const { return model->plan(); }
+  const Skeleton& skeleton() const { return figure->character->skeleton; }
+
+  std::span<const Surface> pose(std::int64_t frame) {
+    model_from_local(figure->character->skeleton, figure->clip->frame(frame), model_from_joint);
+    return model->pose(model_from_joint, figure->scale, figure->offset);
+  }
+  Eigen::Vector3d anchor() const {
+    return figure->scale * model_from_joint[plan().pelvis].translation() + figure->offset;
+  }
+};
+
+struct Row {
+  Actor* actor = nullptr;
+  std::string label, detail;
+  ViewDirection view;
+  std::vector<std::int64_t> frames;  // of the actor's own clip
+  bool marks = false;
+  std::unique_ptr<RowCamera> camera;
+  std::int32_t cell_height = 0;
+  double size = 0.0;  // of the figure, m
+};
+
+Row row_of(Actor* actor, std::string label, std::string detail, const ViewDirection& view,
+           std::vector<std::int64_t> frames) {
+  Row row;
+  row.actor = actor;
+  row.label = std::move(label);
+  row.detail = std::move(detail);
+  row.view = view;
+  row.frames = std::move(frames);
+  return row;
+}
+
+std::vector<Eigen::Vector3d> some_points(std::span<const Surface> surfaces) {
+  std::vector<Eigen::Vector3d> points;
+  for (const Surface& s : surfaces) {
+    const std::size_t step = std::max<std::size_t>(1, s.positions.size() / 400);
+    for (std::size_t i = 0; i < s.positions.size(); i += step) {
+      if (s.positions[i].allFinite()) points.push_back(s.positions[i].cast<double>());
+    }
+  }
+  return points;
+}
+
+double height_of(std::span<const Eigen::Vector3d> points) {
+  Eigen::Vector3d low = Eigen::Vector3d::Constant(1e9), high = -low;
+  for (const Eigen::Vector3d& p : points) {
+    low = low.cwiseMin(p);
+    high = high.cwiseMax(p);
+  }
+  return points.empty() ? 1.0 : std::max((high - low).maxCoeff(), 1e-3);
+}
+
+struct Grid {
+  std::vector<Box> cells;
+};
+
+Grid grid_of(std::int32_t top, std::size_t columns, std::int32_t cell_height) {
+  Grid grid;
+  const double pitch =
+      std::min(double(kInnerWidth + kCellGap) / double(columns), double(kWidestCell));
+  for (std::size_t c = 0; c < columns; ++c) {
+    const auto x0 = static_cast<std::int32_t>(std::lround(kMargin + pitch * double(c)));
+    const auto x1 = static_cast<std::int32_t>(std::lround(kMargin + pitch * double(c + 1)));
+    grid.cells.push_back({x0, top + kCaption, x1 - x0 - kCellGap, cell_height});
+  }
+  return grid;
+}
+
+/// Frame, time and the frame's error, above the figure.
+void draw_caption(Canvas& canvas, const Box& cell, const ContactSheet& sheet, std::int64_t frame,
+                  bool marks, bool worst) {
+  const Clip& clip = *sheet.target.clip;
+  const double y = cell.y - 8, time = clip.start_s + static_cast<double>(frame) / clip.rate_hz;
+  const double used =
+      canvas.text(cell.x + 1, y, fmt::format("{}", frame), 9.5, palette::kInk, Align::left, 1.2);
+  canvas.text(cell.x + 10 + used, y, fmt::format("{:.2f} s", time), 9.5, palette::kMuted);
+  if (!marks) return;
+  const double x = cell.x + cell.width - 1;
+  const auto f = static_cast<std::size_t>(frame);
+  if (f < sheet.error_mm.size()) {
+    const Rgb color = worst ? palette::kTarget : palette::kMuted;
+    canvas.text(x, y, fmt::format("{:.1f} mm", sheet.error_mm[f]), 9.5, color, Align::right,
+                worst ? 1.3 : 1.0);
+  }
+}
+
+/// Fits the row's camera to all of its frames; fixes the row's height.
+void frame_row(Row& row, std::size_t columns) {
+  row.camera =
+      std::make_unique<RowCamera>(row.view, grid_of(0, columns, 0).cells[0].width, kCellHeight);
+  for (const std::int64_t frame : row.frames) {
+    const std::vector<Eigen::Vector3d> points = some_points(row.actor->pose(frame));
+    row.camera->include(points, row.actor->anchor());
+    row.size = std::max(row.size, height_of(points));
+  }
+  row.cell_height = row.camera->fit();
+}
+
+void draw_row(Canvas& canvas, const Row& row, const ContactSheet& sheet,
+              std::span<const std::int64_t> frames, std::int32_t top) {
+  canvas.text(kMargin, top + 22, row.label, 11, palette::kInk, Align::left, 1.3);
+  const double used = Canvas::text_width(row.label, 11) + 16;
+  canvas.text(kMargin + used, top + 22, Canvas::fitted(row.detail, 9.5, kInnerWidth - used), 9.5,
+              palette::kMuted);
+  const Grid grid = grid_of(top + kRowLabel, frames.size(), row.cell_height);
+  const auto worst = std::max_element(sheet.error_mm.begin(), sheet.error_mm.end());
+  for (std::size_t c = 0; c < frames.size(); ++c) {
+    CellScene scene;
+    scene.surfaces = row.actor->pose(row.frames[c]);
+    scene.anchor = row.actor->anchor();
+    scene.camera = row.camera->at(scene.anchor);
+    scene.ground = row.view.ground;
+    scene.up = row.view.up;
+    scene.size = row.size;
+    draw_scene(canvas, grid.cells[c], scene);
+    const auto f = static_cast<std::size_t>(frames[c]);
+    if (row.marks && f < sheet.marks.size()) {
+      draw_marks(canvas, grid.cells[c], scene.camera, sheet.marks[f]);
+    }
+    const bool is_worst =
+        worst != sheet.error_mm.end() && worst - sheet.error_mm.begin() == frames[c];
+    draw_caption(canvas, grid.cells[c], sheet, frames[c], row.marks, is_worst);
+  }
+}
+
+Rgb verdict_color(const std::string& verdict) {
+  return verdict == "pass"   ? palette::kPass
+         : verdict == "warn" ? palette::kWarn
+         : verdict == "fail" ? palette::kFail
+                             : palette::kMuted;
+}
+
+std::string detail_of(const SheetFigure& figure) {
+  return fmt::format("{}{}{} joints, {} frames at {:g} Hz", figure.label,
+                     figure.label.empty() ? "" : "   ", figure.clip->joints, figure.clip->frames(),
+                     figure.clip->rate_hz);
+}
+
+}  // namespace
+
+void draw_head(Canvas& canvas, const Box& box, const ContactSheet& sheet, bool hand) {
+  double x = box.x;
+  if (!sheet.verdict.empty()) {
+    std::string word = sheet.verdict;
+    for (char& c : word) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
+    const double width = Canvas::text_width(word, 12) + 32;
+    canvas.rounded({static_cast<std::int32_t>(x), box.y + 4, static_cast<std::int32_t>(width), 32},
+                   16, verdict_color(sheet.verdict));
+    canvas.text(x + 0.5 * width, box.y + 26, word, 12, {255, 255, 255}, Align::centre, 1.4);
+    x += width + 18;
+  }
+  canvas.text(x, box.y + 30, Canvas::fitted(sheet.title, 19, 0.6 * box.width), 19, palette::kInk,
+              Align::left, 0.95);
+  // Legend, from the right.
+  double right = box.x + box.width;
+  const auto entry = [&](const char* word, Rgb color) {
+    right -= canvas.text(right, box.y + 26, word, 9.5, palette::kMuted, Align::right);
+    canvas.disc({right - 12, box.y + 21.5}, 5.0, color);
+    right -= 36;
+  };
+  if (!sheet.marks.empty()) {
+    entry("reached", palette::kReached);
+    entry("effector target", palette::kTarget);
+  }
+  if (!sheet.tinted_joints.empty()) entry("on a limit", palette::kTint);
+  if (hand) {
+    for (std::size_t f = palette::kFingers.size(); f-- > 0;) {
+      entry(palette::kFingerNames[f], palette::kFingers[f]);
+    }
+  } else {
+    entry("right", palette::kRight);
+    entry("left", palette::kLeft);
+  }
+  // Key figures.
+  x = box.x;
+  for (const std::string& figure : sheet.key_figures) {
+    const double width = Canvas::text_width(figure, 10) + 28;
+    if (x + width > box.x + box.width) break;
+    canvas.rounded({static_cast<std::int32_t>(x), box.y + 52, static_cast<std::int32_t>(width), 30},
+                   8, palette::kCard);
+    canvas.text(x + 0.5 * width, box.y + 72, figure, 10, palette::kInk, Align::centre);
+    x += width + 10;
+  }
+}
+
+Result<Image> render_contact_sheet(const ContactSheet& sheet) {
+  if (!playable(sheet.target)) return invalid("the target has no frames for its joints");
+  const bool with_source = sheet.source.character != nullptr;
+  if (with_source && !playable(sheet.source))
+    return invalid("the source has no frames for its joints");
+
+  Actor target(sheet.target, sheet.tinted_joints);
+  std::unique_ptr<Actor> source;
+  if (with_source) source = std::make_unique<Actor>(sheet.source, std::span<const std::int32_t>{});
+  const std::vector<std::int64_t> frames = choose_frames(sheet, target.plan(), kColumns);
+
+  // One direction for all rows, from the source's first frame: a target that faces elsewhere shows.
+  std::vector<std::int64_t> source_frames;
+  target.pose(frames.front());
+  Actor* leader = &target;
+  if (with_source) {
+    for (const std::int64_t f : frames) {
+      source_frames.push_back(frame_at_same_time(*sheet.target.clip, f, *sheet.source.clip));
+    }
+    source->pose(source_frames.front());
+    if (!target.plan().hand_only && !source->plan().hand_only) leader = source.get();
+  }
+  const ViewDirection front =
+      front_view(leader->skeleton(), leader->plan(), leader->model_from_joint);
+  const ViewDirection side =
+      side_view(leader->skeleton(), leader->plan(), leader->model_from_joint);
+  std::vector<Row> rows;
+  if (with_source) {
+    const ViewDirection own =
+        leader == source.get()
+            ? front
+            : front_view(source->skeleton(), source->plan(), source->model_from_joint);
+    rows.push_back(row_of(source.get(), "SOURCE", detail_of(sheet.source), own, source_frames));
+  }
+  rows.push_back(row_of(&target, "TARGET", detail_of(sheet.target), front, frames));
+  rows.push_back(row_of(&target, "TARGET",
+                        target.plan().hand_only ? "from the thumb's side" : "from the side", side,
+                        frames));
+  std::int32_t height = kMargin + kHeadHeight;
+  for (Row& row : rows) {
+    row.marks = row.actor == &target;
+    frame_row(row, frames.size());
+    height += kRowLabel + kCaption + row.cell_height + kRowGap;
+  }
+  const std::int32_t strips = strips_height(sheet);
+  Canvas canvas(kInnerWidth + 2 * kMargin, height + strips + kMargin, palette::kPage);
+  draw_head(canvas, {kMargin, kMargin - 8, kInnerWidth, kHeadHeight}, sheet,
+            target.plan().hand_only);
+  std::int32_t y = kMargin + kHeadHeight - 14;
+  for (const Row& row : rows) {
+    draw_row(canvas, row, sheet, frames, y);
+    y += kRowLabel + kCaption + row.cell_height + kRowGap;
+  }
+  draw_strips(canvas, {kMargin, y + 14, kInnerWidth, strips}, sheet, frames);
+  return canvas.take();
+}
+
+}  // namespace limber

@@ -1,0 +1,126 @@
+#include "validation/limit_check.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "validation/joint_angles.h"
+
+namespace limber {
+namespace {
+
+constexpr double kDegrees = 180.0 / M_PI;
+constexpr std::size_t kWorst = 20;
+
+bool checked(const RigJoint& joint) {
+  return joint.type == JointType::hinge || joint.type == JointType::universal || joint.limited();
+}
+
+double hinge_excess(const RigJoint& joint, const Eigen::Matrix3d& r) {
+  const double angle = nearest_in_range(joint.limits[0], joint_angles(joint, r)[0]);
+  return rotation_angle(r.transpose() * rotation_about(joint.axes[0], angle));
+}
+
+double universal_excess(const RigJoint& joint, const Eigen::Matrix3d& r) {
+  // With the other angle held, each is a hinge whose best angle is known; the turns alternate
+  // inside the box until nothing moves.
+  RigJoint first = joint, second = joint;
+  first.type = second.type = JointType::hinge;
+  second.axes[0] = joint.axes[1];
+  Eigen::Vector3d q = joint_angles(joint, r);
+  q[0] = nearest_in_range(joint.limits[0], q[0]);
+  q[1] = nearest_in_range(joint.limits[1], q[1]);
+  for (int i = 0; i < 100; ++i) {
+    const Eigen::Vector3d before = q;
+    const Eigen::Matrix3d seen0 = r * rotation_about(joint.axes[1], -q[1]);
+    q[0] = nearest_in_range(joint.limits[0], joint_angles(first, seen0)[0]);
+    const Eigen::Matrix3d seen1 = rotation_about(joint.axes[0], -q[0]) * r;
+    q[1] = nearest_in_range(joint.limits[1], joint_angles(second, seen1)[0]);
+    if ((q - before).cwiseAbs().maxCoeff() < 1e-14) break;
+  }
+  return rotation_angle(r.transpose() * rotation_about(joint.axes[0], q[0]) *
+                        rotation_about(joint.axes[1], q[1]));
+}
+
+double ball_excess(const RigJoint& joint, const Eigen::Matrix3d& r) {
+  const Eigen::Vector3d angles = joint_angles(joint, r);
+  const double swing = (nearest_swing(joint, angles.head<2>()) - angles.head<2>()).norm();
+  const double allowed = nearest_in_range(joint.limits[2], angles[2]);
+  return std::hypot(swing, std::remainder(angles[2] - allowed, 2.0 * M_PI));
+}
+
+template <class Visit>
+void for_each_excess(const Rig& rig, const Clip& clip, Visit visit) {
+  for (std::int64_t frame = 0; frame < clip.frames(); ++frame) {
+    for (std::int32_t joint = 0; joint < rig.size(); ++joint) {
+      if (!checked(rig.joints[joint])) continue;
+      visit(joint, frame, limit_excess(rig.joints[joint], clip.frame(frame)[joint].rotation()));
+    }
+  }
+}
+
+}  // namespace
+
+double limit_excess(const RigJoint& joint, const Eigen::Quaterniond& parent_from_joint) {
+  if (!checked(joint)) return 0.0;
+  const Eigen::Matrix3d r = joint_rotation(joint, parent_from_joint);
+  switch (joint.type) {
+    case JointType::hinge:
+      return hinge_excess(joint, r);
+    case JointType::universal:
+      return universal_excess(joint, r);
+    case JointType::ball:
+      return ball_excess(joint, r);
+    case JointType::fixed:
+    case JointType::free:
+      break;
+  }
+  return 0.0;
+}
+
+LimitReport check_joint_limits(const Rig& rig, const Clip& clip, double tolerance_rad) {
+  LimitReport report;
+  report.joints =
+      static_cast<std::int32_t>(std::count_if(rig.joints.begin(), rig.joints.end(), checked));
+  double largest = 0.0;
+  for_each_excess(rig, clip, [&](std::int32_t joint, std::int64_t frame, double excess) {
+    largest = std::max(largest, excess);
+    if (!(excess <= tolerance_rad)) {  // NaN is a violation
+      ++report.violations;
+      report.worst.push_back({joint, frame, excess});
+    }
+  });
+  report.max_violation_deg = largest * kDegrees;
+  std::stable_sort(
+      report.worst.begin(), report.worst.end(),
+      [](const LimitFinding& a, const LimitFinding& b) { return a.excess_rad > b.excess_rad; });
+  if (report.worst.size() > kWorst) report.worst.resize(kWorst);
+  return report;
+}
+
+std::vector<JointExcess> limit_excess(const Rig& rig, const Clip& clip, double tolerance_rad) {
+  std::vector<JointExcess> by_joint(rig.joints.size());
+  for_each_excess(rig, clip, [&](std::int32_t joint, std::int64_t, double excess) {
+    by_joint[joint].joint = joint;
+    if (!(excess <= tolerance_rad)) ++by_joint[joint].frames;
+    by_joint[joint].max_deg = std::max(by_joint[joint].max_deg, excess * kDegrees);
+  });
+  std::erase_if(by_joint, [](const JointExcess& j) { return j.frames == 0; });
+  return by_joint;
+}
+
+std::vector<std::int32_t> joints_at_limit(const Rig& rig, const Clip& clip, double margin_rad) {
+  Rig narrowed = rig;
+  for (RigJoint& joint : narrowed.joints) {
+    for (Range& range : joint.limits) {
+      if (range.max - range.min <= 2.0 * margin_rad) continue;  // a locked axis tells nothing
+      const bool swing = joint.type == JointType::ball && &range != &joint.limits[2];
+      const double low = range.min + margin_rad, high = range.max - margin_rad;
+      range = swing ? Range{std::min(low, 0.0), std::max(high, 0.0)} : Range{low, high};
+    }
+  }
+  std::vector<std::int32_t> joints;
+  for (const JointExcess& j : limit_excess(narrowed, clip, 1e-9)) joints.push_back(j.joint);
+  return joints;
+}
+
+}  // namespace limber

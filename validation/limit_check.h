@@ -1,0 +1,52 @@
+#pragma once
+
+#include <cstdint>
+#include <string>
+#include <vector>
+
+#include "assets/model/clip.h"
+#include "assets/model/rig.h"
+
+namespace limber {
+
+/// A joint-frame beyond its limit.
+struct LimitFinding {
+  std::int32_t joint = 0;
+  std::int64_t frame = 0;
+  double excess_rad = 0.0;
+};
+
+struct LimitReport {
+  std::int32_t joints = 0;          ///< joints that were checked
+  std::int64_t violations = 0;      ///< joint-frames beyond the tolerance
+  double max_violation_deg = 0.0;   ///< largest excess, below the tolerance or not
+  std::vector<LimitFinding> worst;  ///< violations, the largest first, at most 20
+};
+
+/// Checks every frame of `clip` (parent_from_joint, same joints as the rig) against the rig's
+/// limits, from the definition in rig.h alone; shares no code with the solver. Hinges and
+/// universal joints are checked for off-axis rotation even where their range is unlimited; fixed
+/// and free joints and unlimited balls are not checked.
+LimitReport check_joint_limits(const Rig&, const Clip&, double tolerance_rad = 1e-4);
+
+/// Radians by which one joint is beyond its limit; 0 inside.
+///  - hinge, universal: angle to the nearest allowed rotation, off-axis rotation included;
+///  - ball: root of the sum of squares of the twist's distance from its range and the swing's
+///    distance from its ellipse, in the plane of (swing0, swing1).
+double limit_excess(const RigJoint&, const Eigen::Quaterniond& parent_from_joint);
+
+/// How one joint goes beyond its limit over a clip.
+struct JointExcess {
+  std::int32_t joint = 0;
+  std::int64_t frames = 0;  ///< frames beyond the tolerance
+  double max_deg = 0.0;
+};
+
+/// Every joint with a frame beyond the tolerance, in joint order: the same check, told by joint. On
+/// a source's motion carried to the rig without limits it says which joints a solver must bend.
+std::vector<JointExcess> limit_excess(const Rig&, const Clip&, double tolerance_rad = 1e-4);
+
+/// Joints that come within `margin_rad` of a limit in some frame (or beyond it), in joint order.
+std::vector<std::int32_t> joints_at_limit(const Rig&, const Clip&, double margin_rad = 0.01);
+
+}  // namespace limber

@@ -1,0 +1,37 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "validation/contact_sheet.h"
+#include "validation/figure_model.h"
+#include "validation/sheet_canvas.h"
+#include "validation/sheet_view.h"
+
+namespace limber {
+
+/// What one cell shows.
+struct CellScene {
+  std::span<const Surface> surfaces;
+  Camera camera;  ///< pixels of the cell
+  bool ground = true;
+  Eigen::Vector3d anchor = Eigen::Vector3d::Zero();  ///< world point that the camera follows
+  Eigen::Vector3d up{0, 1, 0};
+  double size = 1.0;  ///< of the figure, m; the grid fades and outlines scale with it
+};
+
+/// Background, floor grid, shadow and figure.
+void draw_scene(Canvas&, const Box& cell, const CellScene&);
+
+/// Targets red, reached green, joined.
+void draw_marks(Canvas&, const Box& cell, const Camera&, std::span<const EffectorMark>);
+
+/// Title, verdict, key figures, legend (of sides, or of a hand's fingers).
+void draw_head(Canvas&, const Box&, const ContactSheet&, bool hand);
+
+/// Error and contacts along time, with the drawn frames ticked.
+void draw_strips(Canvas&, const Box&, const ContactSheet&, std::span<const std::int64_t> frames);
+std::int32_t strips_height(const ContactSheet&);
+
+}  // namespace limber

@@ -80,8 +80,8 @@ struct Writer {
 
 /// One joint of the written hierarchy.
 struct BvhJoint {
-  bool end_site = false;     ///< written as its parent's End Site, without channels
-  bool translates = false;   ///< six channels
+  bool end_site = false;    ///< written as its parent's End Site, without channels
+  bool translates = false;  ///< six channels
   std::string name;
 };
 
@@ -148,12 +148,12 @@ class Exporter {
     return false;
   }
 
-  /// A still leaf `..._End` is what readers of BVH make of an End Site; it becomes one again.
+  /// A still leaf 'PARENT_End' is what our reader makes of PARENT's End Site; it becomes one again.
   bool is_end_site(std::int32_t j) const {
     const std::int32_t parent = skeleton_.parents[j];
+    if (parent == kNoJoint || skeleton_.names[j] != skeleton_.names[parent] + "_End") return false;
     const DualQuaternion& rest = skeleton_.rest_parent_from_joint[j];
-    return skeleton_.names[j].ends_with("_End") && parent != kNoJoint &&
-           children_[j].empty() && children_[parent].size() == 1 &&
+    return children_[j].empty() && children_[parent].size() == 1 &&
            rotation_angle(rest.rotation(), Eigen::Quaterniond::Identity()) < 1e-9 && !moves(j);
   }
 

@@ -68,9 +68,8 @@ void add_animation(Json& document, GltfBuffer& buffer, const Skeleton& skeleton,
   const std::size_t input = buffer.add_floats(times, "SCALAR", true);
   Json samplers = Json::array(), channels = Json::array();
   const auto add_channel = [&](std::int32_t joint, const char* path, std::size_t output) {
-    channels.push_back(
-        {{"sampler", samplers.size()},
-         {"target", {{"node", space.node_of_joint[joint]}, {"path", path}}}});
+    channels.push_back({{"sampler", samplers.size()},
+                        {"target", {{"node", space.node_of_joint[joint]}, {"path", path}}}});
     samplers.push_back({{"input", input}, {"interpolation", "LINEAR"}, {"output", output}});
   };
   for (std::int32_t j = 0; j < skeleton.size(); ++j) {

@@ -23,7 +23,7 @@ struct NodeSpace {
 
 /// What the clip does to one joint, compared with the skeleton's rest pose.
 struct JointMotion {
-  bool rotates = false;    ///< turns, or stands turned away from its rest
+  bool rotates = false;     ///< turns, or stands turned away from its rest
   bool translates = false;  ///< moves, or stands moved away from its rest
 };
 std::vector<JointMotion> joint_motions(const Skeleton&, const Clip&);

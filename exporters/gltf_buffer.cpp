@@ -53,8 +53,8 @@ std::size_t GltfBuffer::add_accessor(std::size_t view, int component, std::size_
 std::size_t GltfBuffer::add_floats(std::span<const float> values, std::string_view type,
                                    bool bounds, int target) {
   const std::size_t n = gltf_components(type);
-  const std::size_t accessor = add_accessor(add_view(std::as_bytes(values), target), kGltfFloat,
-                                            values.size() / n, type);
+  const std::size_t accessor =
+      add_accessor(add_view(std::as_bytes(values), target), kGltfFloat, values.size() / n, type);
   if (!bounds) return accessor;
   std::vector<float> low(values.begin(), values.begin() + n), high = low;
   for (std::size_t i = 0; i < values.size(); ++i) {

@@ -172,9 +172,8 @@ void add_meshes(Json& json, const Character& character, GltfBuffer& buffer,
   for (const Mesh& mesh : character.meshes) {
     if (mesh.triangles.empty()) continue;
     const std::string name = mesh_node_name(mesh, taken);
-    const auto material = mesh.material >= 0
-                              ? mesh.material
-                              : static_cast<std::int32_t>(character.materials.size());
+    const auto material =
+        mesh.material >= 0 ? mesh.material : static_cast<std::int32_t>(character.materials.size());
     Json out;
     out["name"] = name;
     out["primitives"] = Json::array({make_primitive(mesh, material, buffer)});

@@ -80,7 +80,8 @@ std::string write_rig_json(const Rig& rig) {
   for (const RigEffector& effector : rig.effectors) {
     out["effectors"].push_back(effector_json(effector));
   }
-  for (const Coupling& coupling : rig.couplings) out["couplings"].push_back(coupling_json(coupling));
+  for (const Coupling& coupling : rig.couplings)
+    out["couplings"].push_back(coupling_json(coupling));
   return out.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 

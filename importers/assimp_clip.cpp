@@ -49,13 +49,15 @@ Eigen::Quaterniond rotation_at(const aiQuatKey* keys, unsigned count, double tim
   return q(k.before).slerp(k.share, q(k.after)).normalized();
 }
 
-/// T R S at a time in ticks; what has no keys stays as the node has it.
-Eigen::Matrix4d channel_at(const aiNodeAnim& channel, const Eigen::Matrix4d& rest, double time) {
+/// T R `inner` S at a time in ticks; what has no keys stays as the node has it.
+Eigen::Matrix4d channel_at(const aiNodeAnim& channel, const Eigen::Matrix4d& rest,
+                           const Eigen::Matrix3d& inner, double time) {
   Eigen::Matrix4d local = rest;
   Eigen::Matrix3d linear = rest.topLeftCorner<3, 3>();
   Eigen::RowVector3d scale = linear.colwise().norm();
   if (channel.mNumRotationKeys > 0) {
-    linear = rotation_at(channel.mRotationKeys, channel.mNumRotationKeys, time).toRotationMatrix();
+    linear = rotation_at(channel.mRotationKeys, channel.mNumRotationKeys, time).toRotationMatrix() *
+             inner;
   } else {
     for (int k = 0; k < 3; ++k) linear.col(k) /= scale[k] > 0.0 ? scale[k] : 1.0;
   }
@@ -92,39 +94,82 @@ std::vector<double> key_ticks(const aiAnimation& animation) {
   return {ticks.begin(), ticks.end()};
 }
 
-/// The usual distance of neighbouring keys in ticks; 0 where there are fewer than two, or where
-/// `only_even` is set and they are not evenly spaced.
-double usual_spacing(const std::vector<double>& ticks, bool only_even) {
-  std::vector<double> gaps;
-  for (std::size_t i = 1; i < ticks.size(); ++i) gaps.push_back(ticks[i] - ticks[i - 1]);
-  if (gaps.empty()) return 0.0;
-  std::sort(gaps.begin(), gaps.end());
-  const double median = gaps[gaps.size() / 2];
-  // Evenly spaced keys tell their rate best over their whole span.
-  const bool even = gaps.back() - gaps.front() < 0.02 * median;
-  if (only_even && !even) return 0.0;
-  return even ? (ticks.back() - ticks.front()) / double(gaps.size()) : median;
-}
-
 struct Timing {
   double ticks_per_second = 1.0;
   double rate_hz = 30.0;
+  double first_tick = 0.0, ticks_per_frame = 1.0;
+  std::int64_t frames = 1;
+
+  /// Frame f's tick: the key that stands there, where float32 key times are slightly off.
+  double tick(std::int64_t f, const std::vector<double>& ticks) const {
+    const double exact = first_tick + double(f) * ticks_per_frame;
+    const auto after = std::lower_bound(ticks.begin(), ticks.end(), exact);
+    double nearest = after == ticks.end() ? exact : *after;
+    if (after != ticks.begin() && exact - *(after - 1) < std::abs(nearest - exact)) {
+      nearest = *(after - 1);
+    }
+    return std::abs(nearest - exact) < 5e-3 * ticks_per_frame ? nearest : exact;
+  }
 };
 
-/// FBX and BVH tick in frames; an FBX may still hold denser keys than its frame rate. Elsewhere the
-/// keys' spacing is the rate.
+/// The distance of neighbouring keys; 0 where it varies.
+double even_spacing(const std::vector<double>& times) {
+  if (times.size() < 2) return 0.0;
+  const double mean = (times.back() - times.front()) / double(times.size() - 1);
+  for (std::size_t i = 1; i < times.size(); ++i) {
+    if (std::abs(times[i] - times[i - 1] - mean) > 0.02 * mean) return 0.0;
+  }
+  return mean;
+}
+
+double snapped_rate(double frame_s) {
+  return snap_rate_hz(frame_s, fmt::format("{:.6g}", frame_s));
+}
+
+/// Where a format states no rate: the lowest whole one with a frame at every key, not below 24 (a
+/// multiple, so that keys stay on frames); else that of evenly spaced keys; else 30 or 60.
+double rate_of_keys(const std::vector<double>& times) {
+  if (times.size() < 2) return 30.0;
+  for (int rate = 1; rate <= 240; ++rate) {
+    const bool fits = std::all_of(times.begin(), times.end(), [&](double t) {
+      const double frame = (t - times.front()) * rate;
+      return std::abs(frame - std::round(frame)) < 2e-3 + 1.2e-7 * std::abs(t) * rate;
+    });
+    const double closest = (times.back() - times.front()) * rate / double(times.size() - 1);
+    if (fits && closest > 0.99) return rate < 20 ? rate * std::ceil(24.0 / rate) : rate;
+  }
+  if (const double spacing = even_spacing(times); spacing > 1e-3) {
+    const double rate = snapped_rate(spacing);
+    return rate < 20.0 ? rate * std::ceil(24.0 / rate) : rate;
+  }
+  const double mean = (times.back() - times.front()) / double(times.size() - 1);
+  return mean < 1.0 / 45.0 ? 60.0 : 30.0;
+}
+
+/// FBX and BVH tick in frames; evenly spaced keys of an FBX may be denser than its frame rate.
 Timing timing_of(const aiAnimation& animation, const std::vector<double>& ticks,
                  std::string_view format) {
   Timing timing;
   const double stated = animation.mTicksPerSecond;
   const bool framed = format == "fbx" || format == "bvh";
+  if (format == "bvh" && !(stated > 0.0 && std::isfinite(stated))) {
+    fail("assimp-keys", "the frame time is not a positive number", "correct the line Frame Time");
+  }
   timing.ticks_per_second = stated > 0.0 && std::isfinite(stated) ? stated : framed ? 30.0 : 1000.0;
-  const double spacing = usual_spacing(ticks, framed);
-  double frame_s = framed ? 1.0 / timing.ticks_per_second : 1.0 / 30.0;
-  const bool by_keys = !framed || (format == "fbx" && spacing < 0.9);
-  if (by_keys && spacing > 0.0) frame_s = spacing / timing.ticks_per_second;
-  frame_s = std::clamp(frame_s, 1e-3, 1.0);
-  timing.rate_hz = snap_rate_hz(frame_s, fmt::format("{:.7f}", frame_s));
+  if (framed) {
+    const double spacing = format == "fbx" ? even_spacing(ticks) : 0.0;
+    if (spacing > 1e-3 && spacing < 0.9) timing.ticks_per_frame = spacing;
+    timing.rate_hz = snapped_rate(timing.ticks_per_frame / timing.ticks_per_second);
+  } else {
+    std::vector<double> times;
+    for (const double tick : ticks) times.push_back(tick / timing.ticks_per_second);
+    timing.rate_hz = rate_of_keys(times);
+    timing.ticks_per_frame = timing.ticks_per_second / timing.rate_hz;
+  }
+  if (ticks.empty()) return timing;
+  timing.first_tick = ticks.front();
+  const double frames = (ticks.back() - ticks.front()) / timing.ticks_per_frame;
+  timing.frames = frames < 1e12 ? static_cast<std::int64_t>(frames + 5e-3) + 1 : INT64_MAX;
   return timing;
 }
 
@@ -133,15 +178,30 @@ Timing timing_of(const aiAnimation& animation, const std::vector<double>& ticks,
 struct Channels {
   std::vector<const aiNodeAnim*> of_node;
   std::vector<std::uint8_t> replaced;
+  std::vector<std::uint8_t> stays;  ///< position keys are place-holders: the node's own place holds
 };
 
-Channels channels_of(const aiAnimation& animation, const NodeTree& tree) {
+/// A BVH joint with an offset whose position channels are all zero, give or take rounding, means
+/// its offset, not the origin.
+bool holds_place(const aiNodeAnim& channel, const Eigen::Matrix4d& local) {
+  const double offset = local.topRightCorner<3, 1>().norm();
+  for (unsigned k = 0; k < channel.mNumPositionKeys; ++k) {
+    if (double(channel.mPositionKeys[k].mValue.Length()) > 1e-2 * offset) return false;
+  }
+  return offset > 0.0;
+}
+
+Channels channels_of(const aiAnimation& animation, const NodeTree& tree, std::string_view format) {
   Channels channels;
   channels.of_node.assign(tree.nodes.size(), nullptr);
+  channels.stays.assign(tree.nodes.size(), 0);
   channels.replaced.assign(tree.nodes.size(), 0);
   for (unsigned c = 0; c < animation.mNumChannels; ++c) {
     const std::int32_t node = tree.find(to_text(animation.mChannels[c]->mNodeName));
-    if (node >= 0) channels.of_node[node] = animation.mChannels[c];
+    if (node < 0) continue;
+    channels.of_node[node] = animation.mChannels[c];
+    channels.stays[node] = format == "bvh" && tree.parents[node] >= 0 &&
+                           holds_place(*animation.mChannels[c], tree.local[node]);
   }
   for (std::int32_t i = 0; i < tree.size(); ++i) {
     const std::int32_t carrier = tree.carrier[i];
@@ -167,7 +227,9 @@ void pose_nodes(const NodeTree& tree, const Channels& channels, double tick,
     if (channels.replaced[i]) {
       local[i].setIdentity();
     } else if (channels.of_node[i] != nullptr && tree.kinds[i] != NodeKind::geometric) {
-      local[i] = channel_at(*channels.of_node[i], tree.local[i], tick);
+      local[i] = channel_at(*channels.of_node[i], tree.local[i], tree.post_inverse[i], tick);
+      if (channels.stays[i]) local[i].topRightCorner<3, 1>() = tree.local[i].topRightCorner<3, 1>();
+      if (tree.kinds[i] == NodeKind::pivot) local[i] = tree.prefix[i] * local[i];
     }
   }
 }
@@ -195,20 +257,17 @@ Clip sample_clip(const aiAnimation& animation, const Channels& channels, const N
   clip.name = to_text(animation.mName);
   clip.rate_hz = timing.rate_hz;
   clip.joints = joints.size();
-  const double first = ticks.empty() ? 0.0 : ticks.front();
-  const double span = ticks.empty() ? 0.0 : (ticks.back() - first) / timing.ticks_per_second;
-  const double frames = std::floor(span * clip.rate_hz + 1e-3) + 1.0;
-  if (!(frames * clip.joints <= kMaxSamples)) {
-    fail("clip-too-long", fmt::format("animation '{}' lasts {:.6g} s", clip.name, span),
+  if (!(double(timing.frames) * clip.joints <= kMaxSamples) || !std::isfinite(clip.rate_hz)) {
+    fail("clip-too-long", fmt::format("animation '{}' has {} frames", clip.name, timing.frames),
          "check the animation's key times");
   }
-  clip.start_s = first / timing.ticks_per_second;
+  clip.start_s = timing.first_tick / timing.ticks_per_second;
   for (const double tick : ticks) clip.key_times_s.push_back(tick / timing.ticks_per_second);
   std::vector<Eigen::Matrix4d> local = tree.local;
   std::vector<double> first_scale;
   double change = 0.0;
-  for (std::int64_t f = 0; f < static_cast<std::int64_t>(frames); ++f) {
-    pose_nodes(tree, channels, first + double(f) / clip.rate_hz * timing.ticks_per_second, local);
+  for (std::int64_t f = 0; f < timing.frames; ++f) {
+    pose_nodes(tree, channels, timing.tick(f, ticks), local);
     const std::vector<Eigen::Matrix4d> world = tree.world(local);
     change = std::max(change, scale_change(joints, world, first_scale));
     const std::vector<DualQuaternion> pose = fold_pose(joints, world, space);
@@ -233,7 +292,7 @@ std::vector<Clip> read_assimp_clips(const aiScene& scene, const NodeTree& tree,
   std::vector<Clip> clips;
   for (unsigned a = 0; a < scene.mNumAnimations; ++a) {
     const aiAnimation& animation = *scene.mAnimations[a];
-    const Channels channels = channels_of(animation, tree);
+    const Channels channels = channels_of(animation, tree, format);
     if (!moves_a_joint(channels, tree, joints)) continue;
     clips.push_back(sample_clip(animation, channels, tree, joints, space, format, warnings));
   }

@@ -1,4 +1,3 @@
-#include <assimp/GltfMaterial.h>
 #include <assimp/material.h>
 #include <fmt/format.h>
 
@@ -35,7 +34,6 @@ class FigureReader {
       // What the rigid joint leaves of its node's affine transform: scale, shear, the unit.
       joint_from_node_.push_back(joint.conjugate().matrix() * canonical_from_file_ * world_[node]);
     }
-    bind_.resize(joints.parents.size());
   }
 
   void read() {
@@ -130,19 +128,10 @@ class FigureReader {
     if (in.mNumVertices == 0 || in.mNumFaces == 0) return;
     Mesh mesh;
     mesh.name = to_text(in.mName).empty() ? tree_.names[node] : to_text(in.mName);
-    for (unsigned v = 0; v < in.mNumVertices; ++v) {
-      mesh.positions.push_back({in.mVertices[v].x, in.mVertices[v].y, in.mVertices[v].z});
-      if (!mesh.positions.back().allFinite()) {
-        warn("mesh-invalid",
-             fmt::format("mesh '{}' has vertices that are not finite: left out", mesh.name));
-        return;
-      }
-      if (in.HasNormals())
-        mesh.normals.push_back({in.mNormals[v].x, in.mNormals[v].y, in.mNormals[v].z});
-      if (in.HasTextureCoords(0)) {
-        mesh.uvs.push_back({in.mTextureCoords[0][v].x, in.mTextureCoords[0][v].y});
-        if (!mesh.uvs.back().allFinite()) mesh.uvs.back().setZero();
-      }
+    if (!read_vertices(in, mesh)) {
+      warn("mesh-invalid",
+           fmt::format("mesh '{}' has vertices that are not finite: left out", mesh.name));
+      return;
     }
     for (unsigned f = 0; f < in.mNumFaces; ++f) {
       const aiFace& face = in.mFaces[f];
@@ -156,6 +145,24 @@ class FigureReader {
     }
     if (in.mNumBones > 0 ? !skin(in, node, mesh) : !hang(node, mesh)) return;
     character_.meshes.push_back(std::move(mesh));
+  }
+
+  static bool read_vertices(const aiMesh& in, Mesh& mesh) {
+    for (unsigned v = 0; v < in.mNumVertices; ++v) {
+      mesh.positions.push_back({in.mVertices[v].x, in.mVertices[v].y, in.mVertices[v].z});
+      if (!mesh.positions.back().allFinite()) return false;
+      if (in.HasNormals()) {
+        Eigen::Vector3f n(in.mNormals[v].x, in.mNormals[v].y, in.mNormals[v].z);
+        n.stableNormalize();
+        if (!n.allFinite() || n.isZero()) n = Eigen::Vector3f::UnitY();
+        mesh.normals.push_back(n);
+      }
+      if (in.HasTextureCoords(0)) {
+        mesh.uvs.push_back({in.mTextureCoords[0][v].x, in.mTextureCoords[0][v].y});
+        if (!mesh.uvs.back().allFinite()) mesh.uvs.back().setZero();
+      }
+    }
+    return true;
   }
 
   /// An unskinned part follows the nearest joint above it.
@@ -219,22 +226,19 @@ class FigureReader {
                        mesh.name));
     }
     if (mesh.skin.empty()) return hang(node, mesh);
-    set_weights(influences, node, mesh);
+    set_weights(influences, mesh);
     return true;
   }
 
-  void set_weights(const std::vector<std::vector<Influence>>& influences, std::int32_t node,
-                   Mesh& mesh) {
+  void set_weights(const std::vector<std::vector<Influence>>& influences, Mesh& mesh) {
     std::int64_t unbound = 0, unequal = 0;
-    std::uint32_t stand_in = std::numeric_limits<std::uint32_t>::max();
+    const std::uint32_t stand_in = topmost_row(mesh);
     for (const std::vector<Influence>& vertex : influences) {
       mesh.influence_begin.push_back(static_cast<std::uint32_t>(mesh.influences.size()));
       double sum = 0.0;
       for (const Influence& i : vertex) sum += i.weight;
       if (!(sum > 1e-8)) {
         ++unbound;
-        if (stand_in == std::numeric_limits<std::uint32_t>::max())
-          stand_in = stand_in_row(node, mesh);
         mesh.influences.push_back({stand_in, 1.0F});
         continue;
       }
@@ -258,7 +262,7 @@ class FigureReader {
   }
 
   /// The skin's topmost joint carries vertices without weights.
-  static std::uint32_t stand_in_row(std::int32_t, const Mesh& mesh) {
+  static std::uint32_t topmost_row(const Mesh& mesh) {
     const auto top =
         std::min_element(mesh.skin.begin(), mesh.skin.end(),
                          [](const SkinJoint& a, const SkinJoint& b) { return a.joint < b.joint; });
@@ -337,7 +341,6 @@ class FigureReader {
   std::vector<Eigen::Matrix4d> world_;
   std::vector<DualQuaternion> model_from_rest_;
   std::vector<Eigen::Matrix4d> joint_from_node_;
-  std::vector<DualQuaternion> bind_;
   std::vector<Offset> offsets_;
   std::map<std::string, std::int32_t> textures_;
 };

@@ -154,7 +154,9 @@ void choose_unit(Import& import, const Clip* clip, std::string_view up_of_scene)
   }
   const UnitGuess guess = guess_unit(metric, clip != nullptr ? &metric_clip : nullptr, up_of_scene);
   import.space.unit_m = stated;
-  if (implausible(guess)) {
+  const bool certain =
+      import.format == "gltf" || import.format == "glb";  // metres, by the standard
+  if (!certain && implausible(guess)) {
     import.space.unit_m = stated * guess.unit_m;
     import.size_unknown = !guess.plausible;
     facts.unit_evidence += fmt::format(", but taken as metres: {}", guess.evidence);
@@ -215,9 +217,8 @@ void size_by_skin(Import& import, const UriResolver& resolver) {
   const double ratio = kStature / height;
   transform(out, ratio, Eigen::Quaterniond::Identity());
   out.facts.unit_m *= ratio;
-  out.facts.unit_evidence +=
-      fmt::format("; the skin is {:.4g} units high, scaled to {:.3g} m",
-                  height / import.space.unit_m, kStature);
+  out.facts.unit_evidence += fmt::format("; the skin is {:.4g} units high, scaled to {:.3g} m",
+                                         height / import.space.unit_m, kStature);
   import.space.unit_m *= ratio;
   std::erase_if(out.warnings, [](const Warning& w) {
     return w.code.starts_with("weights-") || w.code.starts_with("texture-") ||
@@ -235,8 +236,8 @@ void size_by_skin(Import& import, const UriResolver& resolver) {
 Result<Imported> import_scene(Import& import, const UriResolver& resolver) {
   Imported& out = import.out;
   read_skeleton(import);
-  out.clips = read_assimp_clips(import.scene, import.tree, import.joints, {}, import.format,
-                                out.warnings);
+  out.clips =
+      read_assimp_clips(import.scene, import.tree, import.joints, {}, import.format, out.warnings);
   const Clip* clip = out.clips.empty() ? nullptr : &out.clips[0];
   choose_up(import, clip);
   const bool upright = import.format == "dae" && !import.options.up;

@@ -8,7 +8,7 @@
 #include <assimp/IOStream.hpp>
 #include <assimp/IOSystem.hpp>
 #include <cstring>
-#include <set>
+#include <new>
 
 #include "importers/assimp_scene.h"
 #include "importers/failure.h"
@@ -113,6 +113,19 @@ void check_fbx_version(std::span<const std::byte> bytes) {
        "convert the file to FBX 7 (2011 or later), for instance with Autodesk's FBX Converter");
 }
 
+/// assimp multiplies PostRotation where FBX divides by it (on nodes without pivots) and then drops
+/// the number. Under another name of the same length the property reaches us as node metadata, and
+/// NodeTree applies it.
+std::vector<std::byte> hide_post_rotations(std::span<const std::byte> bytes) {
+  constexpr std::string_view kName = "PostRotation";
+  std::vector<std::byte> out(bytes.begin(), bytes.end());
+  const std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
+  for (auto at = text.find(kName); at != std::string_view::npos; at = text.find(kName, at + 1)) {
+    std::memcpy(out.data() + at, kHiddenPostRotation, kName.size());
+  }
+  return out;
+}
+
 unsigned import_flags() {
   return aiProcess_Triangulate | aiProcess_JoinIdenticalVertices | aiProcess_GenSmoothNormals |
          aiProcess_SortByPType | aiProcess_FlipUVs;
@@ -123,7 +136,12 @@ unsigned import_flags() {
 const aiScene* load_assimp_scene(Assimp::Importer& importer, std::span<const std::byte> bytes,
                                  std::string_view format, const UriResolver& resolver,
                                  const ImportOptions& options) {
-  if (format == "fbx") check_fbx_version(bytes);
+  std::vector<std::byte> patched;
+  if (format == "fbx") {
+    check_fbx_version(bytes);
+    patched = hide_post_rotations(bytes);
+    bytes = patched;
+  }
   keep_only(importer, format);
   const std::string name = fmt::format("input.{}", format);
   importer.SetIOHandler(new ConfinedIo(bytes, name, resolver));  // the importer owns it
@@ -137,11 +155,14 @@ const aiScene* load_assimp_scene(Assimp::Importer& importer, std::span<const std
   const aiScene* scene = nullptr;
   try {
     scene = importer.ReadFile(name, import_flags());
+  } catch (const std::bad_alloc&) {
+    throw;
   } catch (const std::exception& e) {
     fail("assimp-rejected", e.what(), "re-export the file, or convert it to GLB");
   }
   if (scene == nullptr || scene->mRootNode == nullptr) {
     const std::string reason = importer.GetErrorString();
+    if (reason.find("bad_alloc") != std::string::npos) throw std::bad_alloc();
     fail("assimp-rejected", reason.empty() ? "the file holds no scene" : reason,
          "re-export the file, or convert it to GLB");
   }

@@ -34,6 +34,12 @@ Eigen::Matrix4d to_matrix(const aiMatrix4x4& m) {
 std::string to_text(const aiString& s) { return {s.data, s.length}; }
 
 NodeTree::NodeTree(const aiScene& scene) {
+  read_nodes(scene);
+  attach_helpers();
+  for (std::int32_t i = 0; i < size(); ++i) apply_post_rotation(i);
+}
+
+void NodeTree::read_nodes(const aiScene& scene) {
   struct Open {
     const aiNode* node;
     std::int32_t parent;
@@ -53,11 +59,26 @@ NodeTree::NodeTree(const aiScene& scene) {
            fmt::format("node '{}' has a transform that is not finite", names.back()),
            "re-export the file");
     }
-    by_name.emplace(names.back(), row);
+    remember_name(row);
     for (unsigned c = next.node->mNumChildren; c-- > 0;) {
       if (next.node->mChildren[c] != nullptr) open.push_back({next.node->mChildren[c], row});
     }
   }
+  post_inverse.assign(nodes.size(), Eigen::Matrix3d::Identity());
+  prefix.assign(nodes.size(), Eigen::Matrix4d::Identity());
+}
+
+/// assimp tells nodes by name alone. Where a joint and a mesh share one, the joint is meant; where
+/// two joints do, nobody knows.
+void NodeTree::remember_name(std::int32_t row) {
+  const auto [it, fresh] = by_name.emplace(names[row], row);
+  if (fresh) return;
+  const bool mesh = holds_mesh(*nodes[row]), mesh_before = holds_mesh(*nodes[it->second]);
+  if (mesh_before && !mesh) it->second = row;
+  if (mesh_before == mesh) ambiguous.insert(names[row]);
+}
+
+void NodeTree::attach_helpers() {
   carrier.resize(nodes.size());
   geometric.assign(nodes.size(), Eigen::Matrix4d::Identity());
   for (std::int32_t i = 0; i < size(); ++i) {
@@ -70,6 +91,39 @@ NodeTree::NodeTree(const aiScene& scene) {
     if (carrier[i] >= 0 && !inverse) geometric[carrier[i]] = geometric[carrier[i]] * local[i];
     local[i].setIdentity();
   }
+}
+
+/// local = ... PreRotation Rotation PostRotation^-1 RotationPivot^-1 ... (FBX SDK reference).
+void NodeTree::apply_post_rotation(std::int32_t node) {
+  aiVector3D degrees;
+  const aiMetadata* metadata = nodes[node]->mMetaData;
+  if (kinds[node] != NodeKind::real || metadata == nullptr ||
+      !metadata->Get(kHiddenPostRotation, degrees) || degrees.SquareLength() == 0.0F) {
+    return;
+  }
+  const Eigen::Vector3d radians = Eigen::Vector3d(degrees.x, degrees.y, degrees.z) * (M_PI / 180.0);
+  const Eigen::Quaterniond post = Eigen::AngleAxisd(radians.z(), Eigen::Vector3d::UnitZ()) *
+                                  Eigen::AngleAxisd(radians.y(), Eigen::Vector3d::UnitY()) *
+                                  Eigen::AngleAxisd(radians.x(), Eigen::Vector3d::UnitX());
+  post_inverse[node] = post.conjugate().toRotationMatrix();
+  // In a chain of helpers the place is before the first one that comes after the rotation.
+  std::int32_t after = node;
+  bool split = false;
+  for (std::int32_t i = parents[node]; i >= 0 && carrier[i] == node; i = parents[i]) {
+    const std::string part = names[i].substr(names[i].find(kHelperMark) + kHelperMark.size());
+    split |= kinds[i] == NodeKind::pivot;
+    if (part == "RotationPivotInverse" || part.starts_with("Scaling")) after = i;
+  }
+  if (split) {
+    prefix[after].topLeftCorner<3, 3>() = post_inverse[node];
+    local[after] = prefix[after] * local[after];
+    return;
+  }
+  Eigen::Matrix3d linear = local[node].topLeftCorner<3, 3>();
+  const Eigen::RowVector3d scale = linear.colwise().norm();
+  if (scale.minCoeff() <= 0.0) return;
+  for (int k = 0; k < 3; ++k) linear.col(k) /= scale[k];
+  local[node].topLeftCorner<3, 3>() = linear * post_inverse[node] * scale.asDiagonal();
 }
 
 std::int32_t NodeTree::find(const std::string& name) const {
@@ -87,11 +141,19 @@ std::vector<Eigen::Matrix4d> NodeTree::world(const std::vector<Eigen::Matrix4d>&
 
 namespace {
 
+void require_unambiguous(const NodeTree& tree, const std::string& name) {
+  if (tree.ambiguous.count(name) == 0) return;
+  fail("assimp-names-shared",
+       fmt::format("several nodes are named '{}', and assimp tells nodes by name alone", name),
+       "rename the joints, or read the file with --reader auto");
+}
+
 std::vector<std::uint8_t> bones_of(const aiScene& scene, const NodeTree& tree) {
   std::vector<std::uint8_t> bones(tree.nodes.size(), 0);
   for (unsigned m = 0; m < scene.mNumMeshes; ++m) {
     const aiMesh& mesh = *scene.mMeshes[m];
     for (unsigned b = 0; b < mesh.mNumBones; ++b) {
+      require_unambiguous(tree, to_text(mesh.mBones[b]->mName));
       const std::int32_t node = tree.find(to_text(mesh.mBones[b]->mName));
       if (node >= 0) bones[tree.carrier[node] >= 0 ? tree.carrier[node] : node] = 1;
     }
@@ -112,6 +174,7 @@ std::vector<std::uint8_t> animated_of(const aiScene& scene, const NodeTree& tree
                          to_text(animation.mName), name),
              "bake the animation onto the joints and export again, or convert the file to GLB");
       }
+      require_unambiguous(tree, name);
       animated[tree.carrier[node]] = 1;
     }
   }

@@ -6,6 +6,7 @@
 #include <assimp/Importer.hpp>
 #include <cstdint>
 #include <memory>
+#include <set>
 #include <string>
 #include <string_view>
 #include <unordered_map>
@@ -20,6 +21,9 @@ namespace limber {
 /// `importer`.
 const aiScene* load_assimp_scene(Assimp::Importer& importer, std::span<const std::byte> bytes,
                                  std::string_view format, const UriResolver&, const ImportOptions&);
+
+/// What load_assimp_scene renames FBX's property PostRotation to.
+inline constexpr const char* kHiddenPostRotation = "PostRotatio_";
 
 Eigen::Matrix4d to_matrix(const aiMatrix4x4&);
 std::string to_text(const aiString&);
@@ -38,13 +42,24 @@ struct NodeTree {
       carrier;  ///< [node] the real node that a helper belongs to; else itself
   std::vector<Eigen::Matrix4d> local;  ///< rest; geometric helpers, which move meshes only, removed
   std::vector<Eigen::Matrix4d> geometric;  ///< [node] what moves this node's meshes
+  /// [node] inverse of an FBX node's PostRotation, which belongs between its rotation and scale.
+  std::vector<Eigen::Matrix3d> post_inverse;
+  /// [node] the same where the node is split into helpers: stands before this one's own transform.
+  std::vector<Eigen::Matrix4d> prefix;
   std::unordered_map<std::string, std::int32_t> by_name;
+  std::set<std::string> ambiguous;  ///< names that two nodes of one kind share
 
   explicit NodeTree(const aiScene&);
   std::int32_t size() const { return static_cast<std::int32_t>(nodes.size()); }
   std::int32_t find(const std::string& name) const;  ///< -1 where there is none
   /// file_from_node of every node.
   std::vector<Eigen::Matrix4d> world(const std::vector<Eigen::Matrix4d>& local) const;
+
+ private:
+  void read_nodes(const aiScene&);
+  void remember_name(std::int32_t row);
+  void attach_helpers();
+  void apply_post_rotation(std::int32_t node);
 };
 
 /// Which nodes are joints, and how their affine transforms become rigid and canonical.
@@ -58,7 +73,8 @@ struct JointTree {
 };
 
 /// Bones, animated nodes and their ancestors; where a file has neither, all nodes without mesh.
-/// Fails with `no-skeleton` or, where a channel's node is missing, `assimp-channel-orphan`.
+/// Fails with `no-skeleton`; where a channel's node is missing, `assimp-channel-orphan`; where a
+/// name does not tell which node is meant, `assimp-names-shared`.
 JointTree find_joints(const aiScene&, const NodeTree&, std::string_view format);
 
 /// canonical = unit_m * rotation * file.

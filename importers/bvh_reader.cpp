@@ -155,7 +155,7 @@ bool holds_reference_frame(const BvhDocument& document, const Clip& clip) {
   const double jump = largest_step(clip, 0, 1);
   const double next = largest_step(clip, 1, 2);
   constexpr double kTenDegrees = std::numbers::pi / 18.0;
-  return jump > kTenDegrees && jump > 4.0 * next;
+  return jump > kTenDegrees && jump > 2.0 * next;
 }
 
 /// Unit and axes: from the options, else guessed. Motion and rest pose may use different axes.

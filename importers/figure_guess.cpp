@@ -157,7 +157,7 @@ bool usual(const std::string& up) { return up == "+Y" || up == "+Z"; }
 /// along the rest pose's axis and nowhere special along the other.
 bool motion_wins(const std::string& rest_up, const std::string& motion_up, double motion_share,
                  const std::vector<Points>& samples, double chain) {
-  if (!usual(motion_up) || rest_up[1] == motion_up[1] || motion_share < 0.9) return false;
+  if (!usual(motion_up) || rest_up[1] == motion_up[1] || motion_share < 0.7) return false;
   const double rest_floor = std::abs(lowest(samples, axis_vector(rest_up)));
   const double motion_floor = std::abs(lowest(samples, axis_vector(motion_up)));
   return !(rest_floor < 0.15 * chain && motion_floor > 0.3 * chain);

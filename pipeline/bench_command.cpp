@@ -64,8 +64,8 @@ EffectorTarget read_target(const nlohmann::json& row) {
   const Eigen::Quaterniond rotation(row.at(3).get<double>(), row.at(4).get<double>(),
                                     row.at(5).get<double>(), row.at(6).get<double>());
   return {.pose = DualQuaternion::from_rotation_translation(
-              rotation.normalized(), {row.at(0).get<double>(), row.at(1).get<double>(),
-                                      row.at(2).get<double>()})};
+              rotation.normalized(),
+              {row.at(0).get<double>(), row.at(1).get<double>(), row.at(2).get<double>()})};
 }
 
 Result<Workload> parse_workload(const nlohmann::json& document) {
@@ -227,11 +227,12 @@ Result<void> Bench::run() {
   }
   IkOptions options;
   options.method = args_.solver == "pgs-paper" ? IkMethod::pgs_paper : IkMethod::pgs;
-  // Convergence is quadratic, so a tenth of what the workload allows is nearly free; and a joint that
-  // passes through a straight limb keeps its side, where a looser answer may lose it.
+  // Convergence is quadratic, so a tenth of what the workload allows is nearly free; and a joint
+  // that passes through a straight limb keeps its side, where a looser answer may lose it.
   const double margin = options.method == IkMethod::pgs ? 0.1 : 1.0;
   options.stop_position_m = args_.stop_mm > 0.0 ? 1e-3 * args_.stop_mm : margin * work_.stop_pos;
   options.stop_orientation_rad = margin * work_.stop_rot;
+  options.unwind = !work_.rest_start;
   options.restarts = work_.rest_start ? kRestartsOfLonePoses : 0;
   Result<IkSolver> solver = IkSolver::create(rig, options);
   if (!solver) return solver.error();
@@ -309,8 +310,8 @@ void print_lines(const nlohmann::ordered_json& s) {
   fmt::print("  time per frame  {:.2f} us median, {:.2f} us p99 (forward kinematics {:.2f} us)\n",
              s["us"]["median"].get<double>(), s["us"]["p99"].get<double>(),
              s["fk_us"].get<double>());
-  for (const auto& [key, unit] : {std::pair{"position_error_mm", "mm"},
-                                  std::pair{"orientation_error_deg", "degrees"}}) {
+  for (const auto& [key, unit] :
+       {std::pair{"position_error_mm", "mm"}, std::pair{"orientation_error_deg", "degrees"}}) {
     fmt::print("  worst effector  {:.4f} median, {:.4f} p95, {:.4f} max {}\n",
                s[key]["median"].get<double>(), s[key]["p95"].get<double>(),
                s[key]["max"].get<double>(), unit);
@@ -322,8 +323,7 @@ void print_lines(const nlohmann::ordered_json& s) {
 }  // namespace
 
 int bench_command(const BenchArgs& args) {
-  const bool known =
-      args.solver == "pgs" || args.solver == "pgs-paper" || args.solver == "ceres";
+  const bool known = args.solver == "pgs" || args.solver == "pgs-paper" || args.solver == "ceres";
   if (!known || (args.start != "extrapolate" && args.start != "previous") || args.lanes < 1 ||
       !(args.stop_mm >= 0.0)) {
     return complain({.code = "bench-options",

@@ -158,7 +158,7 @@ std::optional<Quaterniond> palm_correction(const Figure& figure, const Bones& bo
   if (!figure.has_fingers(side)) return std::nullopt;
   const auto at = [&](Role left) { return figure.at(on_side(left, side)); };
   const std::int32_t last = at(Role::leftLittleProximal) != kNoJoint ? at(Role::leftLittleProximal)
-                                                                      : at(Role::leftRingProximal);
+                                                                     : at(Role::leftRingProximal);
   const Vector3d distal =
       (bones.p(at(Role::leftMiddleProximal)) - bones.p(at(Role::leftHand))).normalized();
   Vector3d radial = bones.p(at(Role::leftIndexProximal)) - bones.p(last);
@@ -187,15 +187,20 @@ class Corrections {
     const Role left = side == Side::right ? mirrored(*role) : *role;
     const Vector3d out = side == Side::left ? Vector3d::UnitX() : Vector3d(-Vector3d::UnitX());
     switch (left) {
-      case Role::leftShoulder: return front_;
+      case Role::leftShoulder:
+        return front_;
       case Role::leftUpperLeg:
-      case Role::leftLowerLeg: return turned(*role, inherited, -Vector3d::UnitY());
-      case Role::leftFoot: return flat_foot(*role);
-      case Role::leftToes: return inherited;
+      case Role::leftLowerLeg:
+        return turned(*role, inherited, -Vector3d::UnitY());
+      case Role::leftFoot:
+        return flat_foot(*role);
+      case Role::leftToes:
+        return inherited;
       case Role::leftHand:
         if (const auto palm = palm_correction(figure_, bones_, side)) return *palm;
         return turned(*role, inherited, out);
-      default: break;
+      default:
+        break;
     }
     if (is_thumb(*role)) return inherited;
     return turned(*role, inherited, out);
@@ -323,11 +328,11 @@ std::vector<Reference> candidates(const Character& character, const Figure& figu
   if (clip != nullptr && choice.kind == Kind::frame && choice.frame_index < clip->frames()) {
     add_local(fmt::format("frame:{}", choice.frame_index), clip->frame(choice.frame_index));
   }
-  const bool need_motion = choice.kind == Kind::motion ||
-                           (any && figure.is_body() &&
-                            std::none_of(out.begin(), out.end(), [](const Reference& r) {
-                              return r.cost < kGoodReferenceDeg;
-                            }));
+  const bool need_motion =
+      choice.kind == Kind::motion ||
+      (any && figure.is_body() && std::none_of(out.begin(), out.end(), [](const Reference& r) {
+         return r.cost < kGoodReferenceDeg;
+       }));
   if (clip != nullptr && need_motion) {
     const std::int64_t step = std::max<std::int64_t>(1, clip->frames() / 400);
     std::int64_t best = 0;
@@ -348,27 +353,27 @@ std::vector<Reference> candidates(const Character& character, const Figure& figu
 Result<Calibration> calibrate(const Character& character, const Figure& figure,
                               const ReferenceChoice& choice,
                               std::span<const DualQuaternion> reference_pose, const Clip* clip) {
-  std::vector<Reference> references =
-      candidates(character, figure, choice, reference_pose, clip);
+  std::vector<Reference> references = candidates(character, figure, choice, reference_pose, clip);
   if (references.empty()) {
     return Error{.code = "calibration-failed",
                  .message = "the file has no such reference pose",
                  .hint = "choose --reference rest, frame:N or motion"};
   }
   // The first good one wins; among poor ones the least bad.
-  auto chosen = std::find_if(references.begin(), references.end(), [](const Reference& r) {
-    return r.cost < kGoodReferenceDeg;
-  });
+  auto chosen = std::find_if(references.begin(), references.end(),
+                             [](const Reference& r) { return r.cost < kGoodReferenceDeg; });
   if (chosen == references.end()) {
-    chosen = std::min_element(references.begin(), references.end(),
-                              [](const Reference& a, const Reference& b) { return a.cost < b.cost; });
+    chosen =
+        std::min_element(references.begin(), references.end(),
+                         [](const Reference& a, const Reference& b) { return a.cost < b.cost; });
   }
   if (chosen->cost > kPoorReferenceDeg) {
-    return Error{.code = "calibration-failed",
-                 .message = fmt::format("no pose of the file stands upright (best: {}, {:.0f} degrees "
-                                        "off on average)",
-                                        chosen->name, chosen->cost),
-                 .hint = "name a frame that stands upright with --reference frame:N"};
+    return Error{
+        .code = "calibration-failed",
+        .message = fmt::format("no pose of the file stands upright (best: {}, {:.0f} degrees "
+                               "off on average)",
+                               chosen->name, chosen->cost),
+        .hint = "name a frame that stands upright with --reference frame:N"};
   }
 
   const Bones bones(character, figure, chosen->model);
@@ -385,8 +390,9 @@ Result<Calibration> calibrate(const Character& character, const Figure& figure,
   for (const std::int32_t j : figure.order) {
     const std::int32_t parent = figure.parents[j];
     const DualQuaternion& reference = chosen->model[j];
-    const bool trunk = std::find(figure.spine.begin(), figure.spine.end(), j) != figure.spine.end() ||
-                       std::find(figure.neck.begin(), figure.neck.end(), j) != figure.neck.end();
+    const bool trunk =
+        std::find(figure.spine.begin(), figure.spine.end(), j) != figure.spine.end() ||
+        std::find(figure.neck.begin(), figure.neck.end(), j) != figure.neck.end();
     const Quaterniond inherited = parent == kNoJoint ? front : correction[parent];
     correction[j] = trunk ? front : corrections.of(roles[j], inherited);
     const Vector3d p = parent == kNoJoint

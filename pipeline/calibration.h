@@ -14,9 +14,9 @@ namespace limber {
 /// sideways, palms down, thumbs forward, soles flat. Rotations compare between figures only
 /// relative to it. Offsets are computed from geometry, never typed, and never from joint axes.
 struct Calibration {
-  std::vector<DualQuaternion> model_from_joint;   ///< the T-pose, [joint]; metres
-  std::vector<Eigen::Vector3d> tip;               ///< where each joint's bone ends, in its space
-  std::string reference;                          ///< rest, bind, reference-frame, frame:N, motion
+  std::vector<DualQuaternion> model_from_joint;  ///< the T-pose, [joint]; metres
+  std::vector<Eigen::Vector3d> tip;              ///< where each joint's bone ends, in its space
+  std::string reference;                         ///< rest, bind, reference-frame, frame:N, motion
   double residual_deg = 0.0;  ///< mean turn that limbs needed to get there from the reference
   double leg_length = 0.0;    ///< hip to ankle, mean of both (m); 0 without legs
   double arm_length = 0.0;    ///< shoulder to wrist
@@ -45,8 +45,7 @@ Result<Calibration> calibrate(const Character&, const Figure&, const ReferenceCh
 /// World rotation of joint j since the T-pose: model rotation times the T-pose's inverse.
 inline Eigen::Quaterniond since_t_pose(const Calibration& calibration, std::int32_t joint,
                                        const DualQuaternion& model_from_joint) {
-  return model_from_joint.rotation() *
-         calibration.model_from_joint[joint].rotation().conjugate();
+  return model_from_joint.rotation() * calibration.model_from_joint[joint].rotation().conjugate();
 }
 
 }  // namespace limber

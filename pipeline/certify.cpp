@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "importers/importer.h"
+#include "pipeline/measure.h"
 #include "validation/certificate.h"
 #include "validation/limit_check.h"
 
@@ -16,30 +17,6 @@ using nlohmann::json;
 
 Result<std::vector<std::byte>> no_external_files(std::string_view uri) {
   return Error{.code = "uri-refused", .message = "an export refers to " + std::string(uri)};
-}
-
-/// The re-read motion on the rig's rows, joints paired by name. False where a joint is missing.
-bool rig_clip_of(const Imported& imported, const Rig& rig, Clip& out) {
-  const Skeleton& skeleton = imported.character.skeleton;
-  const Clip& clip = imported.clips.front();
-  std::vector<std::int32_t> joint_of_row;
-  for (const RigJoint& row : rig.joints) {
-    joint_of_row.push_back(skeleton.find(row.name));
-    if (joint_of_row.back() == kNoJoint) return false;
-  }
-  out = clip;
-  out.joints = rig.size();
-  out.parent_from_joint.resize(std::size_t(clip.frames()) * rig.joints.size());
-  std::vector<DualQuaternion> model(skeleton.parents.size());
-  for (std::int64_t f = 0; f < clip.frames(); ++f) {
-    model_from_local(skeleton, clip.frame(f), model);
-    for (std::size_t i = 0; i < rig.joints.size(); ++i) {
-      const std::int32_t parent = rig.joints[i].parent;
-      const DualQuaternion& m = model[joint_of_row[i]];
-      out.frame(f)[i] = parent == kNoJoint ? m : model[joint_of_row[parent]].conjugate() * m;
-    }
-  }
-  return true;
 }
 
 json read_and_compare(std::span<const std::byte> bytes, const std::string& format,
@@ -59,13 +36,18 @@ json read_and_compare(std::span<const std::byte> bytes, const std::string& forma
                               imported->clips.front(), certificate);
   if (!report) return {{"fault", report.error().message}};
   json out{{"ok", report->ok}, {"error_m", report->position_m.value}, {"faults", report->faults}};
-  Clip rig_clip;
   if (limits) {
-    if (!rig_clip_of(*imported, meant.rig, rig_clip)) return {{"fault", "joints are missing"}};
-    const LimitReport checked = check_joint_limits(meant.rig, rig_clip);
+    const auto rig_clip =
+        clip_on_rig(imported->character.skeleton, imported->clips.front(), meant.rig);
+    if (!rig_clip) return {{"fault", "joints are missing"}};
+    const LimitReport checked = check_joint_limits(meant.rig, *rig_clip);
     out["limited_joints"] = checked.joints;
     out["violations"] = checked.violations;
     out["max_violation_deg"] = checked.max_violation_deg;
+    if (!checked.worst.empty()) {
+      out["worst_joint"] = meant.rig.joints[checked.worst.front().joint].name;
+      out["worst_frame"] = checked.worst.front().frame;
+    }
   }
   return out;
 }
@@ -93,6 +75,8 @@ FileCheck check_with(std::span<const std::byte> bytes, const std::string& format
   check.limited_joints = found.value("limited_joints", std::int64_t(0));
   check.violations = found.value("violations", std::int64_t(0));
   check.max_violation_deg = found.value("max_violation_deg", 0.0);
+  check.worst_joint = found.value("worst_joint", "");
+  check.worst_frame = found.value("worst_frame", std::int64_t(-1));
   return check;
 }
 
@@ -103,7 +87,8 @@ FileCheck certify(std::span<const std::byte> bytes, const std::string& format, c
   FileCheck by_assimp =
       check_with(bytes, format, ReaderChoice::assimp, target, meant, limits, sandbox);
   if (by_assimp.ok) return by_assimp;
-  FileCheck own = check_with(bytes, format, ReaderChoice::automatic, target, meant, limits, sandbox);
+  FileCheck own =
+      check_with(bytes, format, ReaderChoice::automatic, target, meant, limits, sandbox);
   own.reason = "assimp does not read this file back as written (" +
                (by_assimp.faults.empty() ? std::string("unknown") : by_assimp.faults.front()) +
                "); checked with Limber's own reader in a process of its own";

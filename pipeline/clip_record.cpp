@@ -87,7 +87,8 @@ json chains_json(const Skeleton* source, const Figure* from, const Skeleton& tar
                  const Figure& to) {
   json out = json::array();
   for (const FigureChain& chain : to.chains) {
-    json entry{{"name", chain.name}, {"source", json::array()},
+    json entry{{"name", chain.name},
+               {"source", json::array()},
                {"target", names_of(chain.joints, target)}};
     double confidence = 0.0;
     if (from != nullptr) {
@@ -208,11 +209,11 @@ void add_result(json& out, const ClipRecord& record) {
   }
   if (!result.refine.frames.empty()) {
     const auto& gaps = result.refine.gap_percent;
-    out["refine"] = {{"mode", "frame"},
-                     {"gap_percent",
-                      {{"median", rounded(percentile(gaps, 50.0))},
-                       {"p95", rounded(percentile(gaps, 95.0))}}},
-                     {"frames", result.refine.frames.size()}};
+    out["refine"] = {
+        {"mode", "frame"},
+        {"gap_percent",
+         {{"median", rounded(percentile(gaps, 50.0))}, {"p95", rounded(percentile(gaps, 95.0))}}},
+        {"frames", result.refine.frames.size()}};
   }
   if (!record.checks.empty()) out["certificate"] = certificate_json(record.checks);
 }
@@ -221,9 +222,12 @@ void add_result(json& out, const ClipRecord& record) {
 
 const char* to_string(Status status) {
   switch (status) {
-    case Status::pass: return "pass";
-    case Status::warn: return "warn";
-    case Status::fail: return "fail";
+    case Status::pass:
+      return "pass";
+    case Status::warn:
+      return "warn";
+    case Status::fail:
+      return "fail";
   }
   return "";
 }
@@ -239,11 +243,11 @@ std::string report_json(const ClipRecord& record) {
   out["source"] = source_json(record);
   if (record.target != nullptr) out["target"] = target_json(*record.target);
   if (record.source_figure && record.target != nullptr && record.source_skeleton != nullptr) {
-    out["map"] = {{"confidence", rounded(std::min(record.source_figure->confidence,
-                                                  record.target->figure.confidence))},
-                  {"chains", chains_json(record.source_skeleton, &*record.source_figure,
-                                         record.target->character.skeleton,
-                                         record.target->figure)}};
+    out["map"] = {
+        {"confidence",
+         rounded(std::min(record.source_figure->confidence, record.target->figure.confidence))},
+        {"chains", chains_json(record.source_skeleton, &*record.source_figure,
+                               record.target->character.skeleton, record.target->figure)}};
   }
   if (record.result) add_result(out, record);
   return out.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
@@ -266,9 +270,8 @@ std::string map_json(const MapSide& source, const MapSide& target) {
   out["source"] = side(source);
   out["target"] = side(target);
   if (target.figure != nullptr) {
-    out["chains"] =
-        chains_json(source.character == nullptr ? nullptr : &source.character->skeleton,
-                    source.figure, target.character->skeleton, *target.figure);
+    out["chains"] = chains_json(source.character == nullptr ? nullptr : &source.character->skeleton,
+                                source.figure, target.character->skeleton, *target.figure);
   }
   return out.dump(2, ' ', false, json::error_handler_t::replace) + "\n";
 }

@@ -18,7 +18,7 @@ enum class Status : std::uint8_t { pass, warn, fail };
 const char* to_string(Status);
 
 struct OutputFile {
-  std::string path;    ///< relative to the output folder
+  std::string path;  ///< relative to the output folder
   std::string sha256;
   std::int64_t bytes = 0;
 };
@@ -27,13 +27,15 @@ struct OutputFile {
 struct FileCheck {
   std::string path;
   std::string reader;
-  std::string reason;             ///< why not the reader that did not write it; empty otherwise
+  std::string reason;  ///< why not the reader that did not write it; empty otherwise
   bool ok = false;
   double joints_max_error_m = 0.0;
   std::vector<std::string> faults;
   std::int64_t limited_joints = 0;
   std::int64_t violations = 0;
   double max_violation_deg = 0.0;
+  std::string worst_joint;  ///< with worst_frame, where there is a violation
+  std::int64_t worst_frame = -1;
 };
 
 /// Everything a clip's report says; parts that did not happen stay empty and are left out.

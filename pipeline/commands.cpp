@@ -34,7 +34,8 @@ std::int64_t moving_fingers(const Imported& imported, const Figure& figure) {
     if (j == kNoJoint || !is_finger(role_at(r))) continue;
     double most = 0.0;
     for (std::int64_t f = 1; f < clip.frames(); ++f) {
-      most = std::max(most, rotation_angle(clip.frame(0)[j].rotation(), clip.frame(f)[j].rotation()));
+      most =
+          std::max(most, rotation_angle(clip.frame(0)[j].rotation(), clip.frame(f)[j].rotation()));
     }
     moving += most > 2.0 * M_PI / 180.0;
   }
@@ -76,8 +77,10 @@ json inspect(const std::string& file, const ImportOptions& options) {
   out["morph_targets"] = imported->character.morph_targets.size();
   out["clips"] = json::array();
   for (const Clip& clip : imported->clips) {
-    out["clips"].push_back({{"name", clip.name}, {"frames", clip.frames()},
-                            {"rate_hz", clip.rate_hz}, {"duration_s", clip.duration_s()},
+    out["clips"].push_back({{"name", clip.name},
+                            {"frames", clip.frames()},
+                            {"rate_hz", clip.rate_hz},
+                            {"duration_s", clip.duration_s()},
                             {"interpolation", clip.interpolation}});
   }
   out["joint_names"] = imported->character.skeleton.names;
@@ -119,8 +122,12 @@ json isolated_json(const std::function<json()>& work) {
 
 Error error_of(const json& entry, const std::string& file) {
   const json& e = entry["error"];
-  return {.code = e["code"], .message = e["message"], .file = file, .joint = e.value("joint", ""),
-          .frame = e.value("frame", std::int64_t(-1)), .hint = e.value("hint", "")};
+  return {.code = e["code"],
+          .message = e["message"],
+          .file = file,
+          .joint = e.value("joint", ""),
+          .frame = e.value("frame", std::int64_t(-1)),
+          .hint = e.value("hint", "")};
 }
 
 }  // namespace
@@ -161,9 +168,10 @@ int inspect_command(const InspectArgs& args) {
 int map_command(const MapArgs& args) {
   const json answer = isolated_json([&]() -> json {
     const auto failed = [](const Error& e, const std::string& file) {
-      return json{{"error", {{"code", e.code}, {"message", e.message}, {"hint", e.hint},
-                             {"joint", e.joint}}},
-                  {"file", e.file.empty() ? file : e.file}};
+      return json{
+          {"error",
+           {{"code", e.code}, {"message", e.message}, {"hint", e.hint}, {"joint", e.joint}}},
+          {"file", e.file.empty() ? file : e.file}};
     };
     TargetOptions options;
     options.import.reader = args.import.reader;
@@ -210,7 +218,9 @@ int rig_list_command(bool as_json) {
   for (const std::string& name : shipped_rig_names()) {
     const auto rig = shipped_rig(name);
     if (!rig) continue;
-    all.push_back({{"name", name}, {"joints", rig->size()}, {"dof", dof_count(*rig)},
+    all.push_back({{"name", name},
+                   {"joints", rig->size()},
+                   {"dof", dof_count(*rig)},
                    {"description", rig->description}});
     if (!as_json) {
       fmt::print("{:16} {:3} joints, {:3} DOF  {}\n", name, rig->size(), dof_count(*rig),
@@ -229,8 +239,8 @@ int rig_new_command(const RigNewArgs& args) {
     print_error(target.error());
     return kUsage;
   }
-  target->rig.description = "limits of " + fs::path(args.character).filename().string() +
-                            " from its calibrated T-pose";
+  target->rig.description =
+      "limits of " + fs::path(args.character).filename().string() + " from its calibrated T-pose";
   if (auto r = write_whole(args.output, write_rig_json(target->rig)); !r) {
     print_error(r.error());
     return kEnvironment;
@@ -282,8 +292,8 @@ int sheet_command(const SheetArgs& args) {
   for (std::size_t i = 0; i < args.files.size(); ++i) {
     fs::path output = args.output;
     if (args.files.size() > 1) {
-      output.replace_filename(fmt::format("{}-{}{}", output.stem().string(), i + 1,
-                                          output.extension().string()));
+      output.replace_filename(
+          fmt::format("{}-{}{}", output.stem().string(), i + 1, output.extension().string()));
     }
     const json answer = isolated_json([&]() -> json {
       const auto failed_with = [](const Error& e) {
@@ -292,8 +302,8 @@ int sheet_command(const SheetArgs& args) {
       const auto imported = import_file(args.files[i], args.import);
       if (!imported) return failed_with(imported.error());
       const Clip* clip = imported->clips.empty() ? nullptr : &imported->clips.front();
-      const auto png = draw_file_sheet(imported->character, clip,
-                                       fs::path(args.files[i]).filename().string());
+      const auto png =
+          draw_file_sheet(imported->character, clip, fs::path(args.files[i]).filename().string());
       if (!png) return failed_with(png.error());
       const auto r = write_whole(output, *png);
       return r ? json::object() : failed_with(r.error());
@@ -330,7 +340,8 @@ int doctor_command(bool as_json) {
 int explain_command(const std::string& code) {
   const CodeInfo* info = find_code(code);
   if (info == nullptr) {
-    print_error({.code = "code-unknown", .message = "'" + code + "' is no code of Limber",
+    print_error({.code = "code-unknown",
+                 .message = "'" + code + "' is no code of Limber",
                  .hint = "codes look like bvh-syntax; see the report's errors and warnings"});
     return kUsage;
   }

@@ -13,7 +13,7 @@ namespace limber {
 enum ExitCode : int {
   kAllPassed = 0,
   kSomeFailed = 1,
-  kUsage = 2,        ///< also an unreadable target, map or rig
+  kUsage = 2,  ///< also an unreadable target, map or rig
   kEnvironment = 3,
   kGateMissed = 4,
   kInterrupted = 130,

@@ -40,7 +40,9 @@ class RotationTransfer {
   void frame(std::span<const DualQuaternion> model, std::span<Quaterniond> since) const {
     const Figure& from = *source_.figure;
     const Figure& to = target_.figure;
-    const auto turn = [&](std::int32_t j) { return since_t_pose(*source_.calibration, j, model[j]); };
+    const auto turn = [&](std::int32_t j) {
+      return since_t_pose(*source_.calibration, j, model[j]);
+    };
     for (const std::int32_t j : to.order) {
       const std::int32_t parent = to.parents[j];
       since[j] = parent == kNoJoint ? Quaterniond::Identity() : since[parent];
@@ -81,7 +83,9 @@ class RotationTransfer {
     const Figure& from = *source_.figure;
     const Figure& to = target_.figure;
     if (!from.is_body() || !to.is_body()) return;
-    const auto turn = [&](std::int32_t j) { return since_t_pose(*source_.calibration, j, model[j]); };
+    const auto turn = [&](std::int32_t j) {
+      return since_t_pose(*source_.calibration, j, model[j]);
+    };
     std::vector<Quaterniond> spine{turn(from.at(Role::hips))};
     for (const std::int32_t j : from.spine) spine.push_back(turn(j));
     for (std::size_t k = 0; k < to.spine.size(); ++k) {
@@ -140,9 +144,9 @@ class RotationTransfer {
 /// the target's ankles above their soles.
 struct Placement {
   double scale = 1.0;
-  double path_scale = 1.0;      // horizontal; 0 in place
-  double stand_source = 0.0;    // y of the source's standing ankle
-  double stand_target = 0.0;    // y of the target's
+  double path_scale = 1.0;             // horizontal; 0 in place
+  double stand_source = 0.0;           // y of the source's standing ankle
+  double stand_target = 0.0;           // y of the target's
   Vector3d centre = Vector3d::Zero();  // this frame's hip centre, source
 
   Vector3d operator()(const Vector3d& p) const {
@@ -164,7 +168,9 @@ double standing_height(const std::vector<double>& lower_ankle) {
 class Extraction {
  public:
   Extraction(const SourceMotion& source, const Target& target, const EffectorOptions& options)
-      : source_(source), target_(target), options_(options),
+      : source_(source),
+        target_(target),
+        options_(options),
         transfer_(source, target, options.fingers),
         row_of_(target.character.skeleton.parents.size(), kNoJoint) {
     for (std::size_t i = 0; i < target.joint_of_row.size(); ++i) {
@@ -221,8 +227,8 @@ class Extraction {
     plans_.push_back({aim, joint, side});
   }
 
-  /// Weights are relative: the root and planted feet come first, then hands, then the shape of limbs
-  /// and trunk. An orientation weight of one makes a radian cost as much as 0.1 m.
+  /// Weights are relative: the root and planted feet come first, then hands, then the shape of
+  /// limbs and trunk. An orientation weight of one makes a radian cost as much as 0.1 m.
   void choose_effectors() {
     const Figure& to = target_.figure;
     const std::int32_t root = to.root();
@@ -293,9 +299,8 @@ class Extraction {
     const Calibration& from = *source_.calibration;
     const Calibration& to = target_.calibration;
     if (!body()) {
-      placement_.scale = from.hand_length > 0.0 && to.hand_length > 0.0
-                             ? to.hand_length / from.hand_length
-                             : 1.0;
+      placement_.scale =
+          from.hand_length > 0.0 && to.hand_length > 0.0 ? to.hand_length / from.hand_length : 1.0;
       placement_.path_scale = placement_.scale;
       track_.scale = placement_.scale;
       return;
@@ -389,7 +394,8 @@ class Extraction {
     for (std::size_t i = 0; i < rows; ++i) {
       const RigJoint& row = target_.rig.joints[i];
       const std::int32_t j = target_.joint_of_row[i];
-      const Quaterniond parent = row.parent == kNoJoint ? Quaterniond::Identity() : world[row.parent];
+      const Quaterniond parent =
+          row.parent == kNoJoint ? Quaterniond::Identity() : world[row.parent];
       Quaterniond local = row.rest;
       if (const std::int32_t twin = transfer_.carried(j); twin != kNoJoint) {
         local = carried_local(f, twin, j);
@@ -494,8 +500,8 @@ Result<EffectorTrack> extract_effectors(const SourceMotion& source, const Target
   const Figure& from = *source.figure;
   const Figure& to = target.figure;
   const auto differ = [](std::string message, std::string hint) {
-    return Error{.code = "map-figures-differ", .message = std::move(message),
-                 .hint = std::move(hint)};
+    return Error{
+        .code = "map-figures-differ", .message = std::move(message), .hint = std::move(hint)};
   };
   if (to.is_body() && !from.is_body()) {
     return differ("the source is a hand alone, the target a whole body",

@@ -31,13 +31,13 @@ struct EffectorOptions {
 
 /// What the solver is asked for, frame by frame.
 struct EffectorTrack {
-  std::vector<RigEffector> effectors;   ///< on the target rig's rows
+  std::vector<RigEffector> effectors;  ///< on the target rig's rows
   std::int64_t frames = 0;
   std::vector<EffectorTarget> targets;  ///< [frame * effectors + effector]
   /// First guess: the source's calibrated rotations on the target's bones, not yet within limits.
-  std::vector<DualQuaternion> guess;    ///< [frame * rows + row], row local
-  double scale = 1.0;                   ///< target size / source size (leg, or hand length)
-  double ground_offset = 0.0;           ///< source height that becomes the target's floor (m)
+  std::vector<DualQuaternion> guess;  ///< [frame * rows + row], row local
+  double scale = 1.0;                 ///< target size / source size (leg, or hand length)
+  double ground_offset = 0.0;         ///< source height that becomes the target's floor (m)
   std::vector<std::uint8_t> left_contact, right_contact;  ///< [frame]
 
   std::span<const EffectorTarget> at(std::int64_t frame) const {
@@ -48,7 +48,6 @@ struct EffectorTrack {
 /// Extracts per-frame effectors from a source and scales them to the target's limbs. Feet that
 /// stand still in the source are pinned; soles stay on or above the floor.
 /// Error: `map-figures-differ`.
-Result<EffectorTrack> extract_effectors(const SourceMotion&, const Target&,
-                                        const EffectorOptions&);
+Result<EffectorTrack> extract_effectors(const SourceMotion&, const Target&, const EffectorOptions&);
 
 }  // namespace limber

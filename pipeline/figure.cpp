@@ -10,8 +10,8 @@
 namespace limber {
 namespace {
 
-constexpr int kBodyRequired = 13;    // of 15: a figure may lack a spine joint or a head
-constexpr int kHandRequired = 8;     // finger joints of one hand
+constexpr int kBodyRequired = 13;  // of 15: a figure may lack a spine joint or a head
+constexpr int kHandRequired = 8;   // finger joints of one hand
 
 bool starts_with_digits_after(std::string& s, std::string_view prefix) {
   if (!s.starts_with(prefix)) return false;
@@ -31,8 +31,10 @@ std::string comparable(std::string_view name) {
   std::string s;
   for (const char c : name) {
     const auto u = static_cast<unsigned char>(c);
-    if (std::isalnum(u)) s += static_cast<char>(std::tolower(u));
-    else if (u >= 0x80) s += c;
+    if (std::isalnum(u))
+      s += static_cast<char>(std::tolower(u));
+    else if (u >= 0x80)
+      s += c;
   }
   if (!starts_with_digits_after(s, "mixamorig")) {
     if (starts_with_digits_after(s, "bip0")) s.insert(0, "bip");
@@ -97,12 +99,10 @@ Match match_convention(const Character& character,
 Side side_by_shape(const Character& character, const Figure& as_right) {
   std::vector<DualQuaternion> model(character.skeleton.parents.size());
   model_from_local(character.skeleton, character.skeleton.rest_parent_from_joint, model);
-  const auto p = [&](Role left) {
-    return model[as_right.at(mirrored(left))].translation();
-  };
+  const auto p = [&](Role left) { return model[as_right.at(mirrored(left))].translation(); };
   const Eigen::Vector3d distal = p(Role::leftMiddleProximal) - p(Role::leftHand);
-  const Role last = as_right.has(Role::rightLittleProximal) ? Role::leftLittleProximal
-                                                            : Role::leftRingProximal;
+  const Role last =
+      as_right.has(Role::rightLittleProximal) ? Role::leftLittleProximal : Role::leftRingProximal;
   const Eigen::Vector3d normal = distal.cross(p(Role::leftIndexProximal) - p(last)).normalized();
   double bend = 0.0;
   for (int k = index_of(Role::leftThumbMetacarpal); k <= index_of(Role::leftLittleDistal); ++k) {
@@ -194,8 +194,35 @@ void give_flat_hand_its_chains(const Character& character, Figure& figure) {
   }
 }
 
-/// A finger's first mapped joint hangs on the metacarpal below it only where the file says so; the
-/// order just follows `parents`.
+/// Legs that hang beside the hips, not below them: what carries both is what moves as the hips.
+void find_moving_hips(const Character& character, Figure& figure) {
+  if (!figure.is_body() || !figure.has(Role::rightUpperLeg)) return;
+  const auto& parents = character.skeleton.parents;
+  std::int32_t hips = figure.at(Role::hips);
+  const auto carries = [&](Role leg) { return is_ancestor(parents, hips, figure.at(leg)); };
+  while (hips != kNoJoint && !(carries(Role::leftUpperLeg) && carries(Role::rightUpperLeg))) {
+    hips = parents[hips];
+  }
+  if (hips != kNoJoint) figure.joint[index_of(Role::hips)] = hips;
+}
+
+/// Limb joints that rigs with IK helpers hang elsewhere (feet below the root) get their limb's
+/// chain.
+void give_limbs_their_chains(Figure& figure) {
+  if (!figure.is_body()) return;
+  for (int r = kFirstLeft; r < kRoleCount; ++r) {
+    const Role role = role_at(r);
+    if (is_finger(role) || !figure.has(role)) continue;
+    const auto parent = nearest_mapped_parent(figure, role);
+    if (!parent || side_of(*parent) == Side::middle) continue;
+    const std::int32_t j = figure.at(role), p = figure.at(*parent);
+    if (!is_ancestor(figure.parents, p, j) && !is_ancestor(figure.parents, j, p)) {
+      figure.parents[j] = p;
+    }
+  }
+}
+
+/// Every joint once, parents before children.
 std::vector<std::int32_t> parents_first(std::span<const std::int32_t> parents) {
   std::vector<std::int32_t> order;
   std::vector<std::uint8_t> placed(parents.size(), 0);
@@ -296,10 +323,10 @@ void list_chains(Figure& figure) {
                    roles({Role::leftUpperLeg, Role::leftLowerLeg, Role::leftFoot, Role::leftToes}),
                    3),
           true);
-      add(chain_of(figure, prefix + "Arm",
-                   roles({Role::leftShoulder, Role::leftUpperArm, Role::leftLowerArm,
-                          Role::leftHand}),
-                   3),
+      add(chain_of(
+              figure, prefix + "Arm",
+              roles({Role::leftShoulder, Role::leftUpperArm, Role::leftLowerArm, Role::leftHand}),
+              3),
           true);
     }
     for (int finger = 0; finger < 5; ++finger) {
@@ -376,7 +403,9 @@ Result<Figure> identify_figure(const Character& character, const RoleOverrides& 
                  .message = "the map names neither hips with legs nor a hand",
                  .hint = "name at least hips and both legs, or a hand and its fingers"};
   }
+  find_moving_hips(character, figure);
   figure.parents = character.skeleton.parents;
+  give_limbs_their_chains(figure);
   give_flat_hand_its_chains(character, figure);
   figure.order = parents_first(figure.parents);
   find_trunk(character, figure);

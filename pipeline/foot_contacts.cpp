@@ -10,9 +10,9 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kSwingBackS = 0.30;   // a pinned foot's offset is given back within this time
-constexpr double kEaseS = 0.06;        // pins take hold, and soles settle, over this time
-constexpr double kMaxSettleM = 0.06;   // a standing foot is lowered by no more than this
+constexpr double kSwingBackS = 0.30;  // a pinned foot's offset is given back within this time
+constexpr double kEaseS = 0.06;       // pins take hold, and soles settle, over this time
+constexpr double kMaxSettleM = 0.06;  // a standing foot is lowered by no more than this
 
 enum class Pin : std::uint8_t { none, ankle, toes };
 

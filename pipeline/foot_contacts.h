@@ -26,10 +26,10 @@ struct FootPath {
 /// A path with the target foot's own geometry and no frames yet.
 FootPath make_foot(const Target&, Side);
 
-/// Pins the foot while the source's stands: the ankle, or the toes once the heel has left the floor,
-/// keeps its place; what that moves the foot by is taken back while it swings. Keeps every sole
-/// point on or above the floor (y = 0), and on it while the foot stands.
-/// The floor levels are the heights of the source's ankles and toes when they stand.
+/// Pins the foot while the source's stands: the ankle, or the toes once the heel has left the
+/// floor, keeps its place; what that moves the foot by is taken back while it swings. Keeps every
+/// sole point on or above the floor (y = 0), and on it while the foot stands. The floor levels are
+/// the heights of the source's ankles and toes when they stand.
 void plant(FootPath&, double source_ankle_floor, double source_toe_floor);
 
 }  // namespace limber

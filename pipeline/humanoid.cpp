@@ -40,18 +40,24 @@ std::optional<Role> parent_of(Role role) {
     return parent ? std::optional(mirrored(*parent)) : std::nullopt;
   }
   switch (role) {
-    case Role::hips: return std::nullopt;
+    case Role::hips:
+      return std::nullopt;
     case Role::leftEye:
     case Role::rightEye:
-    case Role::jaw: return Role::head;
-    case Role::leftUpperLeg: return Role::hips;
-    case Role::leftShoulder: return Role::upperChest;
+    case Role::jaw:
+      return Role::head;
+    case Role::leftUpperLeg:
+      return Role::hips;
+    case Role::leftShoulder:
+      return Role::upperChest;
     case Role::leftThumbMetacarpal:
     case Role::leftIndexProximal:
     case Role::leftMiddleProximal:
     case Role::leftRingProximal:
-    case Role::leftLittleProximal: return Role::leftHand;
-    default: return role_at(index_of(role) - 1);
+    case Role::leftLittleProximal:
+      return Role::leftHand;
+    default:
+      return role_at(index_of(role) - 1);
   }
 }
 
@@ -66,8 +72,10 @@ bool is_required(Role role) {
     case Role::leftFoot:
     case Role::leftUpperArm:
     case Role::leftLowerArm:
-    case Role::leftHand: return true;
-    default: return false;
+    case Role::leftHand:
+      return true;
+    default:
+      return false;
   }
 }
 

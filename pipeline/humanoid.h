@@ -58,9 +58,7 @@ constexpr Role mirrored(Role role) {
 }
 
 /// `left` on the given side (left or right).
-constexpr Role on_side(Role left, Side side) {
-  return side == Side::right ? mirrored(left) : left;
-}
+constexpr Role on_side(Role left, Side side) { return side == Side::right ? mirrored(left) : left; }
 
 /// The next joint towards the hips; none for the hips.
 std::optional<Role> parent_of(Role);

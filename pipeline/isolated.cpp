@@ -21,12 +21,25 @@ namespace limber {
 namespace {
 
 /// System calls that reading, solving and drawing never need.
-constexpr std::array kDenied = {
-    SCMP_SYS(socket),  SCMP_SYS(connect), SCMP_SYS(bind),        SCMP_SYS(listen),
-    SCMP_SYS(execve),  SCMP_SYS(execveat), SCMP_SYS(ptrace),     SCMP_SYS(mount),
-    SCMP_SYS(umount2), SCMP_SYS(chroot),  SCMP_SYS(pivot_root),  SCMP_SYS(setns),
-    SCMP_SYS(unshare), SCMP_SYS(keyctl),  SCMP_SYS(add_key),     SCMP_SYS(bpf),
-    SCMP_SYS(init_module), SCMP_SYS(kexec_load), SCMP_SYS(process_vm_writev)};
+constexpr std::array kDenied = {SCMP_SYS(socket),
+                                SCMP_SYS(connect),
+                                SCMP_SYS(bind),
+                                SCMP_SYS(listen),
+                                SCMP_SYS(execve),
+                                SCMP_SYS(execveat),
+                                SCMP_SYS(ptrace),
+                                SCMP_SYS(mount),
+                                SCMP_SYS(umount2),
+                                SCMP_SYS(chroot),
+                                SCMP_SYS(pivot_root),
+                                SCMP_SYS(setns),
+                                SCMP_SYS(unshare),
+                                SCMP_SYS(keyctl),
+                                SCMP_SYS(add_key),
+                                SCMP_SYS(bpf),
+                                SCMP_SYS(init_module),
+                                SCMP_SYS(kexec_load),
+                                SCMP_SYS(process_vm_writev)};
 
 bool deny_system_calls() {
   if (::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) return false;

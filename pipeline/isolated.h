@@ -20,8 +20,7 @@ struct IsolationLimits {
 /// exception or a broken limit costs the child alone. Call from a single-threaded process.
 /// Errors: `process-crashed` (signal), `process-limit` (memory, CPU), `process-failed`.
 Result<std::string> run_isolated(const std::function<std::string()>& work,
-                                 SandboxMode = SandboxMode::automatic,
-                                 const IsolationLimits& = {});
+                                 SandboxMode = SandboxMode::automatic, const IsolationLimits& = {});
 
 /// A child that runs while the parent goes on; `pid` and the read end of its answer.
 struct IsolatedChild {

@@ -10,6 +10,7 @@
 #include "pipeline/certify.h"
 #include "pipeline/file_io.h"
 #include "pipeline/map_file.h"
+#include "pipeline/measure.h"
 #include "pipeline/sheets.h"
 #include "validation/contact_detection.h"
 
@@ -46,10 +47,12 @@ Result<std::vector<const Clip*>> chosen_clips(const Imported& imported, const Jo
   }
   if (!clips.empty()) return clips;
   if (imported.clips.empty()) {
-    return Error{.code = "clip-none", .message = "the file holds no motion",
+    return Error{.code = "clip-none",
+                 .message = "the file holds no motion",
                  .hint = "a source needs an animation; a character alone can be a target"};
   }
-  return Error{.code = "clip-unknown", .message = "the file has no clip of that name",
+  return Error{.code = "clip-unknown",
+               .message = "the file has no clip of that name",
                .hint = "it has: " + names};
 }
 
@@ -134,9 +137,9 @@ class ClipJob {
   /// The clip is refused, and the map that was found is written for the user to mend.
   Result<void> refuse_map() {
     const fs::path path = options_.output / (stem_ + ".map.json");
-    const auto r = write_whole(
-        path, map_json({source_.path, &source_.imported.character, &source_.figure},
-                       {target_.path, &target_.character, &target_.figure}));
+    const auto r =
+        write_whole(path, map_json({source_.path, &source_.imported.character, &source_.figure},
+                                   {target_.path, &target_.character, &target_.figure}));
     if (!r) return r;
     return Error{.code = "map-unsure",
                  .message = fmt::format("the skeleton was understood with confidence {:.2f} only",
@@ -145,30 +148,10 @@ class ClipJob {
   }
 
   MotionMetrics measure(const SourceMotion& motion) const {
-    const Calibration& from = *motion.calibration;
-    const auto side = [](const Character& character, const Figure& figure,
-                         const Calibration& calibration, const Clip& clip, double floor) {
-      MotionSide out;
-      out.skeleton = &character.skeleton;
-      out.clip = &clip;
-      for (const auto& role : roles_by_joint(figure, character.skeleton.size())) {
-        out.roles.emplace_back(role ? name_of(*role) : "");
-      }
-      out.stature_m = std::max(0.1, calibration.height);
-      out.floor_y = floor;
-      if (figure.is_body()) {
-        out.soles = sole_points(character.skeleton, out.roles, calibration.model_from_joint,
-                                calibration.sole, out.stature_m);
-      }
-      return out;
-    };
-    MotionOptions options;
-    options.scale = record_.result->track.scale;
-    return measure_motion(
-        side(*motion.character, *motion.figure, from, *motion.clip,
-             record_.result->track.ground_offset),
-        side(target_.character, target_.figure, target_.calibration, record_.result->clip, 0.0),
-        options);
+    const SourceMotion output{&target_.character, &target_.figure, &target_.calibration,
+                              &record_.result->clip};
+    return measure_against({motion, record_.result->track.ground_offset}, {output, 0.0},
+                           record_.result->track.scale);
   }
 
   Result<void> write_files() {
@@ -212,9 +195,13 @@ class ClipJob {
       record_.warnings.push_back({std::move(code), std::move(message)});
       record_.status = std::max(record_.status, Status::warn);
     };
-    const auto fail = [&](std::string code, std::string message, std::string hint) {
-      record_.errors.push_back(Error{.code = std::move(code), .message = std::move(message),
-                                     .file = source_.path, .hint = std::move(hint)});
+    const auto fail = [&](std::string code, std::string message, const FileCheck& check) {
+      record_.errors.push_back(Error{.code = std::move(code),
+                                     .message = std::move(message),
+                                     .file = source_.path,
+                                     .joint = check.worst_joint,
+                                     .frame = check.worst_frame,
+                                     .hint = "please report this clip"});
       record_.status = Status::fail;
     };
     for (const FileCheck& check : record_.checks) {
@@ -222,12 +209,12 @@ class ClipJob {
         fail("limits-violated",
              fmt::format("{}: {} joint-frames beyond their limits, worst {:.4f} degrees",
                          check.path, check.violations, check.max_violation_deg),
-             "please report this clip");
+             check);
       }
       if (!check.ok) {
         fail("certificate-failed",
              check.path + ": " + (check.faults.empty() ? "unreadable" : check.faults.front()),
-             "please report this clip");
+             check);
       }
       if (!check.reason.empty()) {
         record_.warnings.push_back({"certificate-own-reader", check.path + ": " + check.reason});
@@ -254,8 +241,12 @@ class ClipJob {
   }
 
   ClipSummary finish() {
-    ClipSummary summary{.source = source_.path, .clip = whole_.name, .stem = stem_,
-                        .status = record_.status, .code = "", .message = ""};
+    ClipSummary summary{.source = source_.path,
+                        .clip = whole_.name,
+                        .stem = stem_,
+                        .status = record_.status,
+                        .code = "",
+                        .message = ""};
     if (record_.result) {
       summary.frames = record_.result->clip.frames();
       summary.worst_error_mm = percentile(record_.result->worst_error_mm, 100.0);
@@ -264,7 +255,8 @@ class ClipJob {
         summary.violations = std::max(summary.violations, check.violations);
       }
     }
-    if (auto r = write_whole(options_.output / (stem_ + ".report.json"), report_json(record_)); !r) {
+    if (auto r = write_whole(options_.output / (stem_ + ".report.json"), report_json(record_));
+        !r) {
       record_.errors.push_back(r.error());
       summary.status = Status::fail;
     }
@@ -334,7 +326,11 @@ ClipSummary refuse(const std::string& path, const std::string& stem, const Targe
     }
   }
   (void)write_whole(options.output / (stem + ".report.json"), report_json(record));
-  return {.source = path, .clip = "", .stem = stem, .status = Status::fail, .code = error.code,
+  return {.source = path,
+          .clip = "",
+          .stem = stem,
+          .status = Status::fail,
+          .code = error.code,
           .message = error.message};
 }
 
@@ -388,10 +384,15 @@ ClipSummary record_death(const std::string& source_path, const std::string& stem
 std::string to_json(const std::vector<ClipSummary>& summaries) {
   json out = json::array();
   for (const ClipSummary& s : summaries) {
-    out.push_back({{"source", s.source}, {"clip", s.clip}, {"stem", s.stem},
-                   {"status", static_cast<int>(s.status)}, {"code", s.code},
-                   {"message", s.message}, {"worst_error_mm", s.worst_error_mm},
-                   {"error_p95_mm", s.error_p95_mm}, {"violations", s.violations},
+    out.push_back({{"source", s.source},
+                   {"clip", s.clip},
+                   {"stem", s.stem},
+                   {"status", static_cast<int>(s.status)},
+                   {"code", s.code},
+                   {"message", s.message},
+                   {"worst_error_mm", s.worst_error_mm},
+                   {"error_p95_mm", s.error_p95_mm},
+                   {"violations", s.violations},
                    {"frames", s.frames}});
   }
   return out.dump(-1, ' ', false, json::error_handler_t::replace);
@@ -402,10 +403,15 @@ std::vector<ClipSummary> summaries_from_json(const std::string& text) {
   const json document = json::parse(text, nullptr, false);
   if (!document.is_array()) return out;
   for (const json& s : document) {
-    out.push_back({.source = s["source"], .clip = s["clip"], .stem = s["stem"],
-                   .status = static_cast<Status>(s["status"].get<int>()), .code = s["code"],
-                   .message = s["message"], .worst_error_mm = s["worst_error_mm"],
-                   .error_p95_mm = s["error_p95_mm"], .violations = s["violations"],
+    out.push_back({.source = s["source"],
+                   .clip = s["clip"],
+                   .stem = s["stem"],
+                   .status = static_cast<Status>(s["status"].get<int>()),
+                   .code = s["code"],
+                   .message = s["message"],
+                   .worst_error_mm = s["worst_error_mm"],
+                   .error_p95_mm = s["error_p95_mm"],
+                   .violations = s["violations"],
                    .frames = s["frames"]});
   }
   return out;

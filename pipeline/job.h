@@ -17,7 +17,8 @@ struct JobOptions {
   ImportOptions import;
   ReferenceChoice reference;
   std::optional<std::string> clip;
-  std::optional<std::pair<std::int64_t, std::int64_t>> range;  ///< frames [first, last], whole clip's
+  std::optional<std::pair<std::int64_t, std::int64_t>>
+      range;  ///< frames [first, last], whole clip's
   std::optional<double> rate_hz;
   std::vector<std::string> formats = {"glb", "bvh"};
   std::filesystem::path output;

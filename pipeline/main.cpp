@@ -12,9 +12,9 @@ namespace limber {
 namespace {
 
 /// Units as people write them, in metres.
-const std::map<std::string, double> kUnits = {{"m", 1.0},     {"dm", 0.1},    {"cm", 0.01},
-                                              {"mm", 0.001},  {"in", 0.0254}, {"inch", 0.0254},
-                                              {"ft", 0.3048}, {"cmu", 0.0254 / 0.45}};
+const std::map<std::string, double> kUnits = {
+    {"m", 1.0},     {"dm", 0.1},      {"cm", 0.01},   {"mm", 0.001},
+    {"in", 0.0254}, {"inch", 0.0254}, {"ft", 0.3048}, {"cmu", 0.0254 / 0.45}};
 
 struct ImportFlags {
   std::string reader = "auto", unit, up;
@@ -72,7 +72,8 @@ ReferenceChoice parse_reference(const std::string& text) {
 
 class Program {
  public:
-  Program() : app_("Limber retargets animation onto joint-limited rigs and characters, and proves it.") {
+  Program()
+      : app_("Limber retargets animation onto joint-limited rigs and characters, and proves it.") {
     app_.set_version_flag("--version", std::string("limber ") + kVersion);
     app_.require_subcommand(1);
     add_inspect();

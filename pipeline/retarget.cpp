@@ -1,7 +1,9 @@
 #include "pipeline/retarget.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <limits>
 
 #include "solver/swing_twist.h"
 #include "validation/ceres_refiner.h"
@@ -12,16 +14,19 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr std::size_t kRefinedWorst = 4;   // frames with the largest error that Ceres checks
-constexpr std::size_t kRefinedEven = 8;    // and an even sample
+constexpr std::size_t kRefinedWorst = 4;  // frames with the largest error that Ceres checks
+constexpr std::size_t kRefinedEven = 8;   // and an even sample
 constexpr double kBentTolerance = M_PI / 180.0;
 constexpr double kReachableM = 1e-3;
 
 std::string name_of(SolverChoice choice) {
   switch (choice) {
-    case SolverChoice::pgs: return "pgs";
-    case SolverChoice::pgs_paper: return "pgs-paper";
-    case SolverChoice::ceres: return "ceres";
+    case SolverChoice::pgs:
+      return "pgs";
+    case SolverChoice::pgs_paper:
+      return "pgs-paper";
+    case SolverChoice::ceres:
+      return "ceres";
   }
   return "";
 }
@@ -43,11 +48,24 @@ void release_carried(Rig& rig, const EffectorTrack& track) {
   }
 }
 
-/// Solves frame after frame. Each starts from its own first guess, so that the result of a frame
-/// does not depend on where the clip was cut.
+/// One solution of the whole clip: poses and their costs.
+struct Pass {
+  std::vector<DualQuaternion> poses;  ///< [frame * rows + row]
+  std::vector<double> cost;           ///< [frame], m^2
+};
+
+/// Solves a clip in passes and joins the best of them.
+///
+/// A frame may have several local minima (an arm behind the back, a limit that can be passed on
+/// either side), and the best one may change from frame to frame; taking it every time makes the
+/// motion jump. So each frame is solved three times: from its own first guess, from the frame
+/// before and from the frame after. Where they differ, the cheapest way through the clip is taken
+/// (dynamic programming over frames), in which a jump between solutions costs kJumpCost per squared
+/// radian.
 class ClipSolver {
  public:
-  ClipSolver(const RetargetOptions& options, Retargeted& out) : options_(options), out_(out) {}
+  ClipSolver(const RetargetOptions& options, Retargeted& out)
+      : options_(options), out_(out), rows_(out.rig.joints.size()), frames_(out.track.frames) {}
 
   Result<void> run() {
     IkOptions ik;
@@ -55,36 +73,116 @@ class ClipSolver {
     ik.stop_at_tolerance = false;
     auto solver = IkSolver::create(out_.rig, ik);
     if (!solver) return solver.error();
-    const std::size_t rows = out_.rig.joints.size();
-    const std::int64_t frames = out_.track.frames;
-    out_.rig_clip.joints = static_cast<std::int32_t>(rows);
-    out_.rig_clip.parent_from_joint.resize(std::size_t(frames) * rows);
+    solver_ = &*solver;
+    out_.rig_clip.joints = static_cast<std::int32_t>(rows_);
     out_.solver.name = name_of(options_.solver);
-    std::vector<DualQuaternion> pose(rows);
-    for (std::int64_t f = 0; f < frames; ++f) {
-      const auto guess = out_.track.guess.begin() + f * std::int64_t(rows);
-      std::copy(guess, guess + std::int64_t(rows), pose.begin());
-      project_into_limits(out_.rig, pose);
-      if (options_.solver == SolverChoice::ceres) {
-        if (auto r = refine_with_ceres(out_.rig, out_.track.at(f), pose, {.max_iterations = 50});
-            !r) {
-          return r.error();
-        }
-      } else {
-        const IkReport report = solver->solve(out_.track.at(f), pose);
-        out_.solver.relinearisations.push_back(report.relinearisations);
-        out_.solver.tree_passes += report.tree_passes;
-        out_.solver.sweeps += report.sweeps;
-        out_.solver.residual_max = std::max(out_.solver.residual_max, report.residual);
-      }
-      std::copy(pose.begin(), pose.end(), out_.rig_clip.frame(f).begin());
+    Pass from_guess = empty_pass(), forward = empty_pass(), backward = empty_pass();
+    for (std::int64_t f = 0; f < frames_; ++f) {
+      if (auto r = solve(f, guess(f), from_guess); !r) return r;
     }
+    for (std::int64_t f = 0; f < frames_; ++f) {
+      if (auto r = solve(f, f == 0 ? guess(f) : pose(forward, f - 1), forward); !r) return r;
+    }
+    for (std::int64_t f = frames_ - 1; f >= 0; --f) {
+      const bool settled = same(from_guess, forward, f);
+      if (settled) {
+        std::ranges::copy(pose(forward, f), pose(backward, f).begin());
+        backward.cost[f] = forward.cost[f];
+      } else if (auto r = solve(f, f == frames_ - 1 ? guess(f) : pose(backward, f + 1), backward);
+                 !r) {
+        return r;
+      }
+    }
+    join({&from_guess, &forward, &backward});
     return {};
   }
 
  private:
+  static constexpr double kJumpCost = 0.01;  // m^2 per rad^2
+  static constexpr double kSameRad = 1e-3;   // poses closer than this are one solution
+
+  Pass empty_pass() const {
+    return {std::vector<DualQuaternion>(std::size_t(frames_) * rows_),
+            std::vector<double>(static_cast<std::size_t>(frames_))};
+  }
+  std::span<DualQuaternion> pose(Pass& pass, std::int64_t f) const {
+    return {pass.poses.data() + f * std::int64_t(rows_), rows_};
+  }
+  std::span<const DualQuaternion> guess(std::int64_t f) const {
+    return {out_.track.guess.data() + f * std::int64_t(rows_), rows_};
+  }
+
+  /// Solves frame f from `start` (projected into the limits first) into the pass.
+  Result<void> solve(std::int64_t f, std::span<const DualQuaternion> start, Pass& pass) {
+    const std::span<DualQuaternion> result = pose(pass, f);
+    std::ranges::copy(start, result.begin());
+    follow_carried(f, result);
+    project_into_limits(out_.rig, result);
+    if (options_.solver == SolverChoice::ceres) {
+      auto r = refine_with_ceres(out_.rig, out_.track.at(f), result, {.max_iterations = 50});
+      if (!r) return r.error();
+      pass.cost[f] = r->cost_after;
+      return {};
+    }
+    const IkReport report = solver_->solve(out_.track.at(f), result);
+    pass.cost[f] = report.cost;
+    out_.solver.relinearisations.push_back(report.relinearisations);
+    out_.solver.tree_passes += report.tree_passes;
+    out_.solver.sweeps += report.sweeps;
+    out_.solver.residual_max = std::max(out_.solver.residual_max, report.residual);
+    return {};
+  }
+
+  /// Joints that no effector pulls take this frame's rotation whatever the start was.
+  void follow_carried(std::int64_t f, std::span<DualQuaternion> result) const {
+    for (std::size_t i = 0; i < rows_; ++i) {
+      const RigJoint& row = out_.rig.joints[i];
+      if (row.type == JointType::ball && !row.limited() && row.role.empty()) {
+        result[i] = guess(f)[i];
+      }
+    }
+  }
+
+  double turn2(std::span<const DualQuaternion> a, std::span<const DualQuaternion> b) const {
+    double sum = 0.0;
+    for (std::size_t i = 0; i < rows_; ++i) {
+      const double angle = rotation_angle(a[i].rotation(), b[i].rotation());
+      sum += angle * angle;
+    }
+    return sum;
+  }
+  bool same(Pass& a, Pass& b, std::int64_t f) const {
+    return turn2(pose(a, f), pose(b, f)) < kSameRad * kSameRad;
+  }
+
+  void join(std::array<Pass*, 3> passes) {
+    constexpr std::size_t n = 3;
+    std::vector<std::array<double, n>> best(static_cast<std::size_t>(frames_));
+    std::vector<std::array<std::uint8_t, n>> came_from(static_cast<std::size_t>(frames_));
+    for (std::size_t k = 0; k < n; ++k) best[0][k] = passes[k]->cost[0];
+    for (std::int64_t f = 1; f < frames_; ++f) {
+      for (std::size_t k = 0; k < n; ++k) {
+        best[f][k] = std::numeric_limits<double>::infinity();
+        for (std::size_t j = 0; j < n; ++j) {
+          const double jump = kJumpCost * turn2(pose(*passes[j], f - 1), pose(*passes[k], f));
+          const double cost = best[f - 1][j] + jump + passes[k]->cost[f];
+          if (cost < best[f][k]) best[f][k] = cost, came_from[f][k] = static_cast<std::uint8_t>(j);
+        }
+      }
+    }
+    auto k = static_cast<std::size_t>(std::ranges::min_element(best.back()) - best.back().begin());
+    out_.rig_clip.parent_from_joint.resize(std::size_t(frames_) * rows_);
+    for (std::int64_t f = frames_ - 1; f >= 0; --f) {
+      std::ranges::copy(pose(*passes[k], f), out_.rig_clip.frame(f).begin());
+      k = came_from[f][k];
+    }
+  }
+
   const RetargetOptions& options_;
   Retargeted& out_;
+  std::size_t rows_;
+  std::int64_t frames_;
+  IkSolver* solver_ = nullptr;
 };
 
 void model_of_rows(const Rig& rig, std::span<const DualQuaternion> local,
@@ -101,7 +199,8 @@ void measure_errors(Retargeted& out) {
   for (std::size_t e = 0; e < out.rig.effectors.size(); ++e) {
     if (!out.rig.effectors[e].strong) continue;
     strong.push_back(e);
-    out.errors.push_back({.name = out.rig.effectors[e].name, .position_mm = {}, .orientation_deg = {}});
+    out.errors.push_back(
+        {.name = out.rig.effectors[e].name, .position_mm = {}, .orientation_deg = {}});
   }
   std::vector<DualQuaternion> model;
   for (std::int64_t f = 0; f < out.track.frames; ++f) {
@@ -167,8 +266,9 @@ Result<void> measure_gap(Retargeted& out) {
   return {};
 }
 
-/// Keeps the frames [first, last] of a track.
-void cut(EffectorTrack& track, std::int64_t first, std::int64_t last) {
+/// Keeps the frames [first, last] of a solved clip.
+void cut(Retargeted& out, std::int64_t first, std::int64_t last) {
+  EffectorTrack& track = out.track;
   const auto keep = [&](auto& values) {
     if (values.empty()) return;
     const auto per_frame = std::int64_t(values.size()) / track.frames;
@@ -179,6 +279,8 @@ void cut(EffectorTrack& track, std::int64_t first, std::int64_t last) {
   keep(track.guess);
   keep(track.left_contact);
   keep(track.right_contact);
+  keep(out.rig_clip.parent_from_joint);
+  out.rig_clip.start_s += double(first) / out.rig_clip.rate_hz;
   track.frames = last - first + 1;
 }
 
@@ -190,15 +292,14 @@ Result<Retargeted> retarget_clip(const SourceMotion& source, const Target& targe
   if (!track) return track.error();
   Retargeted out;
   out.track = std::move(*track);
-  if (options.range) cut(out.track, options.range->first, options.range->second);
   out.rig = target.rig;
   release_carried(out.rig, out.track);
   out.rig.effectors = out.track.effectors;
   out.rig_clip.rate_hz = source.clip->rate_hz;
-  out.rig_clip.start_s =
-      source.clip->start_s + (options.range ? double(options.range->first) : 0.0) / source.clip->rate_hz;
+  out.rig_clip.start_s = source.clip->start_s;
   out.rig_clip.name = source.clip->name;
   if (auto r = ClipSolver(options, out).run(); !r) return r.error();
+  if (options.range) cut(out, options.range->first, options.range->second);
 
   out.clip = out.rig_clip;
   out.clip.joints = target.character.skeleton.size();

@@ -51,9 +51,9 @@ struct RefineFigures {
 };
 
 struct Retargeted {
-  Clip clip;                 ///< on the target's skeleton
-  Rig rig;                   ///< the target's rig with this clip's effectors
-  Clip rig_clip;             ///< the same motion on the rig's rows
+  Clip clip;      ///< on the target's skeleton
+  Rig rig;        ///< the target's rig with this clip's effectors
+  Clip rig_clip;  ///< the same motion on the rig's rows
   EffectorTrack track;
   std::vector<EffectorError> errors;   ///< strong effectors
   std::vector<double> worst_error_mm;  ///< [frame], over strong effectors

@@ -34,7 +34,8 @@ std::vector<std::string> unique_stems(const std::vector<std::string>& sources) {
     const std::string base = safe_name(fs::path(source).stem().string());
     std::string stem = base;
     const auto key = [](std::string s) {
-      std::transform(s.begin(), s.end(), s.begin(), [](unsigned char c) { return std::tolower(c); });
+      std::transform(s.begin(), s.end(), s.begin(),
+                     [](unsigned char c) { return std::tolower(c); });
       return s;
     };
     for (int k = 2; !used.insert(key(stem)).second; ++k) stem = fmt::format("{}-{}", base, k);
@@ -47,7 +48,8 @@ std::vector<std::string> unique_stems(const std::vector<std::string>& sources) {
 class Progress {
  public:
   explicit Progress(std::size_t total)
-      : total_(total), terminal_(::isatty(STDERR_FILENO) != 0),
+      : total_(total),
+        terminal_(::isatty(STDERR_FILENO) != 0),
         start_(std::chrono::steady_clock::now()) {
     show("");
   }
@@ -123,9 +125,9 @@ std::vector<ClipSummary> run_all(const RetargetArgs& args, const std::string& ta
     std::vector<ClipSummary> clips;
     if (answer) clips = summaries_from_json(*answer);
     if (clips.empty()) {
-      const Error error = answer ? Error{.code = "process-failed",
-                                         .message = "the clip's process gave no answer"}
-                                 : answer.error();
+      const Error error =
+          answer ? Error{.code = "process-failed", .message = "the clip's process gave no answer"}
+                 : answer.error();
       clips = {record_death(args.sources[done.source], stems[done.source], nullptr, target_label,
                             error, args.job)};
     }
@@ -147,8 +149,8 @@ std::vector<ClipSummary> run_all(const RetargetArgs& args, const std::string& ta
     if (child) {
       running.push_back({*child, i});
     } else {
-      by_source[i] = {record_death(args.sources[i], stems[i], nullptr, target_label, child.error(),
-                                   args.job)};
+      by_source[i] = {
+          record_death(args.sources[i], stems[i], nullptr, target_label, child.error(), args.job)};
     }
   }
   while (!running.empty() && g_interrupted == 0) finish_any();
@@ -208,7 +210,8 @@ json summary_json(const std::vector<ClipSummary>& clips, const fs::path& output)
 
 int retarget_command(const RetargetArgs& args) {
   if (args.job.sandbox == SandboxMode::require && !sandbox_available()) {
-    print_error({.code = "sandbox-unavailable", .message = "this system has no seccomp filter",
+    print_error({.code = "sandbox-unavailable",
+                 .message = "this system has no seccomp filter",
                  .hint = "see `limber doctor`, or use --sandbox auto"});
     return kEnvironment;
   }
@@ -216,9 +219,12 @@ int retarget_command(const RetargetArgs& args) {
   const auto checked = run_isolated(
       [&] {
         const auto told = [](const Error& e) {
-          return json{{"code", e.code}, {"message", e.message}, {"file", e.file},
-                      {"joint", e.joint}, {"hint", e.hint}}.dump(-1, ' ', false,
-                                                               json::error_handler_t::replace);
+          return json{{"code", e.code},
+                      {"message", e.message},
+                      {"file", e.file},
+                      {"joint", e.joint},
+                      {"hint", e.hint}}
+              .dump(-1, ' ', false, json::error_handler_t::replace);
         };
         const auto options = target_options(args.job);
         if (!options) return told(options.error());
@@ -234,15 +240,20 @@ int retarget_command(const RetargetArgs& args) {
   }
   const json target = json::parse(*checked, nullptr, false);
   if (target.contains("code")) {
-    print_error({.code = target["code"], .message = target["message"], .file = target["file"],
-                 .joint = target["joint"], .hint = target["hint"]});
+    print_error({.code = target["code"],
+                 .message = target["message"],
+                 .file = target["file"],
+                 .joint = target["joint"],
+                 .hint = target["hint"]});
     return kUsage;
   }
   std::error_code error;
   fs::create_directories(args.job.output, error);
   if (error) {
-    print_error({.code = "output-unwritable", .message = error.message(),
-                 .file = args.job.output.string(), .hint = "choose another folder with -o"});
+    print_error({.code = "output-unwritable",
+                 .message = error.message(),
+                 .file = args.job.output.string(),
+                 .hint = "choose another folder with -o"});
     return kEnvironment;
   }
   struct sigaction action {};

@@ -40,7 +40,8 @@ void finish(Target& target) {
   }
 }
 
-/// Figure and calibration of a rig: q = 0 is its T-pose by definition, so only lengths are measured.
+/// Figure and calibration of a rig: q = 0 is its T-pose by definition, so only lengths are
+/// measured.
 Result<Target> target_from_rig(Rig rig, const std::string& label, const TargetOptions& options) {
   Target target;
   target.label = label;
@@ -85,12 +86,10 @@ Result<Target> target_from_character(Imported imported, const std::string& label
   if (!figure) return figure.error();
   target.figure = std::move(*figure);
   const Clip* clip = imported.clips.empty() ? nullptr : &imported.clips.front();
-  auto calibration =
-      calibrate(target.character, target.figure, {}, imported.reference_pose, clip);
+  auto calibration = calibrate(target.character, target.figure, {}, imported.reference_pose, clip);
   if (!calibration) return calibration.error();
   target.calibration = std::move(*calibration);
-  target.rig =
-      limited_rig(target.character, target.figure, target.calibration, options.limits);
+  target.rig = limited_rig(target.character, target.figure, target.calibration, options.limits);
   target.rig.name = label;
   if (options.rig) {
     auto text = read_text(*options.rig);
@@ -141,9 +140,9 @@ Rig limited_rig(const Character& character, const Figure& figure, const Calibrat
     row_of[j] = rig.size();
     const std::int32_t parent = figure.parents[j];
     const DualQuaternion parent_from_joint =
-        parent == kNoJoint ? calibration.model_from_joint[j]
-                           : calibration.model_from_joint[parent].conjugate() *
-                                 calibration.model_from_joint[j];
+        parent == kNoJoint
+            ? calibration.model_from_joint[j]
+            : calibration.model_from_joint[parent].conjugate() * calibration.model_from_joint[j];
     RigJoint row;
     row.name = skeleton.names[j];
     row.role = roles[j] ? std::string(name_of(*roles[j])) : "";

@@ -24,7 +24,8 @@ struct Tree {
   /// From just below `from` down to `to`.
   std::vector<std::int32_t> path(std::int32_t from, std::int32_t to) const {
     std::vector<std::int32_t> out;
-    for (std::int32_t j = to; j != from && j != kNoJoint; j = parents[j]) out.insert(out.begin(), j);
+    for (std::int32_t j = to; j != from && j != kNoJoint; j = parents[j])
+      out.insert(out.begin(), j);
     return out;
   }
   std::int32_t common_ancestor(std::int32_t a, std::int32_t b) const {
@@ -174,10 +175,9 @@ std::optional<Figure> identify_by_topology(const Character& character) {
   std::int32_t head = kNoJoint;
   for (const std::int32_t j : ends) {
     const auto path = tree.path(arms->fork, j);
-    const bool arm = std::find(path.begin(), path.end(), tree.path(arms->fork, arms->a)[0]) !=
-                         path.end() ||
-                     std::find(path.begin(), path.end(), tree.path(arms->fork, arms->b)[0]) !=
-                         path.end();
+    const bool arm =
+        std::find(path.begin(), path.end(), tree.path(arms->fork, arms->a)[0]) != path.end() ||
+        std::find(path.begin(), path.end(), tree.path(arms->fork, arms->b)[0]) != path.end();
     if (arm || path.empty() || tree.parents[path[0]] != arms->fork) continue;
     if (head == kNoJoint || tree.p[j].y() > tree.p[head].y()) head = j;
   }

@@ -5,9 +5,11 @@
 //   d = argmin 1/2 d'(J'WJ + mu D) d - d'J'We,  x + d in C,
 // and x <- x + d where f fell. mu is Levenberg's: it grows until f falls, so f never rises and a
 // target out of reach ends in a stable best reach; it shrinks with the agreement of predicted and
-// actual fall (Nielsen 1999). At a fixed point d = 0, and the linear problem's own optimality,
-// projected_residual = 0, is the optimality of f in C: what plain projected Gauss-Seidel sweeps
-// would converge to, here reached through the tree (tree_elimination.cpp).
+// actual fall (Nielsen 1999). What the targets leave open drifts: damping therefore pulls not to 0
+// but by kEase towards the middle of the ranges, which fades with mu. At a fixed point d = 0, and
+// the linear problem's own optimality, projected_residual = 0, is the optimality of f in C: what
+// plain projected Gauss-Seidel sweeps would converge to, here reached through the tree
+// (tree_elimination.cpp).
 //
 // pgs_paper is Kenwright 2013 as its text gives it: fixed damping (eq. 30), a few sweeps per
 // relinearisation, its stopping rules (section VII.B): a cap, small errors, a small step, a step
@@ -23,6 +25,17 @@
 
 namespace limber {
 
+namespace {
+
+constexpr double kLeastDamping = 1e-9, kMostDamping = 1e8;
+constexpr double kShrink = 0.1;  // of the damping, at best, per relinearisation
+constexpr double kEase = 5e-4;   // of the way to the middle of its range, per relinearisation
+constexpr int kUnwinds = 3;      // a third, two thirds, all of the way to the middle
+constexpr double kWoundCost = 0.05 * 0.05;  // m^2; a worse miss is a target out of reach
+constexpr double kStalling = 0.7;  // a relative fall below this asks for the errors' curvature
+
+}  // namespace
+
 struct IkSolver::State {
   State(const Rig& source, const IkOptions& chosen)
       : rig(source),
@@ -33,15 +46,15 @@ struct IkSolver::State {
         now(tree.make_state()),
         next(now),
         best(now),
+        wound(now),
         at_now(tree.make_kinematics()),
         at_next(at_now),
+        load(tree.nodes.size()),
         step(Eigen::VectorXd::Zero(tree.coordinate_count())) {
-    load.inertia.resize(tree.nodes.size());
-    load.pull.resize(tree.nodes.size());
     for (const IkNode& node : tree.nodes) {
       if (node.ellipse) ellipses.push_back({node.coordinate, node.swing});
     }
-    gradient = diagonal = end = last_step = step;
+    gradient = diagonal = end = wish = step;
     if (options.method == IkMethod::pgs_paper) {
       a.resize(step.size(), step.size());
       b = step;
@@ -52,8 +65,10 @@ struct IkSolver::State {
   bool done(const IkKinematics& k) const {
     return k.cost <= options.stop_cost || (options.stop_at_tolerance && reached(k));
   }
-  void linearise();
+  void linearise(bool curved = false);
   double measure_residual(double damping);
+  double predicted_fall(double damping) const;
+  EliminationStats solve_linear(double damping, IkReport&);
   void descend(IkReport&);
   void descend_paper(IkReport&);
   void restart(int attempt);
@@ -65,10 +80,10 @@ struct IkSolver::State {
   TreeElimination elimination;
   std::vector<IkGoal> goals;
   std::vector<EllipseLimit> ellipses;
-  IkState now, next, best;
+  IkState now, next, best, wound;
   IkKinematics at_now, at_next;
   EffectorLoad load;
-  Eigen::VectorXd step, last_step, gradient, diagonal, end;
+  Eigen::VectorXd step, wish, gradient, diagonal, end;
   Eigen::MatrixXd a;
   Eigen::VectorXd b;
 };
@@ -84,30 +99,71 @@ bool IkSolver::State::reached(const IkKinematics& k) const {
   return true;
 }
 
-void IkSolver::State::linearise() {
+void IkSolver::State::linearise(bool curved) {
   tree.linearise(now, at_now);
-  effector_load(tree, goals, at_now, load);
+  effector_load(tree, goals, at_now, load, curved);
 }
 
-/// Of the last linear problem, at its step: gradient (H + damping D) step - J'We, by composite
-/// inertias and node twists.
+/// Of the last linear problem, at its step: gradient (H + damping D) step - J'We, by node twists
+/// and composite inertias, with nothing of the elimination in it. Spoils `load`.
 double IkSolver::State::measure_residual(double damping) {
+  const bool curved = load.curved;
   const auto twist = elimination.node_twist();
   for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
     load.pull[n] = load.inertia[n] * twist[n] - load.pull[n];
   }
-  compose_load(tree, load);
-  for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
+  for (std::size_t n = tree.nodes.size(); n-- > 0;) {
     const IkNode& node = tree.nodes[n];
-    for (std::int32_t k = node.coordinate; k < node.coordinate + node.coordinates; ++k) {
+    Vector6 inner = twist[n];
+    for (std::int32_t k = node.coordinate + node.coordinates - 1; k >= node.coordinate; --k) {
+      const Vector6& axis = at_now.axis[k];
       const double armature = damping * tree.damping[k];
-      gradient[k] = at_now.axis[k].dot(load.pull[n]) + armature * step[k];
-      diagonal[k] = at_now.axis[k].dot(load.inertia[n] * at_now.axis[k]) + armature;
+      gradient[k] = axis.dot(load.pull[n]) + armature * (step[k] - wish[k]);
+      diagonal[k] = axis.dot(load.inertia[n] * axis) + armature;
+      if (!curved) continue;
+      const Vector6 turned = 0.5 * turn_of_pull(axis, load.outer_pull[n]);
+      inner -= step[k] * axis;
+      gradient[k] -= turned.dot(inner);
+      load.pull[n] -= step[k] * turned;
+    }
+    if (node.parent < 0) continue;
+    load.inertia[node.parent] += load.inertia[n];
+    load.pull[node.parent] += load.pull[n];
+  }
+  if (curved) {  // scaled by J'WJ all the same: a curved diagonal may be anything
+    effector_load(tree, goals, at_now, load, false);
+    compose_load(tree, load);
+    for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
+      const IkNode& node = tree.nodes[n];
+      for (std::int32_t k = node.coordinate; k < node.coordinate + node.coordinates; ++k) {
+        diagonal[k] =
+            at_now.axis[k].dot(load.inertia[n] * at_now.axis[k]) + damping * tree.damping[k];
+      }
     }
   }
   end = now.x + step;
   tree.project(end);
   return projected_residual(end, gradient, diagonal, tree.min, tree.max, ellipses);
+}
+
+/// What the model of the last step says the cost will fall by.
+double IkSolver::State::predicted_fall(double damping) const {
+  const auto twist = elimination.node_twist();
+  if (!load.curved) return at_now.cost - predicted_cost(tree, goals, at_now, twist);
+  double fall = damping * step.cwiseProduct(step - wish).dot(tree.damping);
+  for (std::size_t n = 0; n < tree.nodes.size(); ++n) fall += load.pull[n].dot(twist[n]);
+  return fall;
+}
+
+/// One linear problem, solved; the curved one where it has a minimum.
+EliminationStats IkSolver::State::solve_linear(double damping, IkReport& report) {
+  EliminationStats stats = elimination.solve(now.x, damping, wish, step);
+  report.tree_passes += stats.passes;
+  if (stats.definite) return stats;
+  effector_load(tree, goals, at_now, load, false);
+  stats = elimination.solve(now.x, damping, wish, step);
+  report.tree_passes += stats.passes;
+  return stats;
 }
 
 void IkSolver::State::descend(IkReport& report) {
@@ -116,52 +172,45 @@ void IkSolver::State::descend(IkReport& report) {
   if (report.converged || tree.nodes.empty()) return;
   elimination.reset(now.x);
   double damping = options.damping, growth = 2.0;
-  constexpr double kLeast = 1e-9, kMost = 1e8;
+  bool curved = false;
   while (!report.converged && report.relinearisations < options.max_relinearisations) {
     ++report.relinearisations;
-    linearise();
+    linearise(curved);
+    wish = kEase * tree.limited.cwiseProduct(tree.middle - now.x);
     elimination.linearise(at_now, load);
     bool fell = false;
     double tried = damping;
-    EliminationStats stats;
-    while (!fell) {
+    while (!fell && !report.converged) {
       tried = damping;
-      stats = elimination.solve(now.x, damping, step);
-      report.tree_passes += stats.passes;
+      const EliminationStats stats = solve_linear(damping, report);
       tree.move(now, step, next);
       tree.evaluate(next, goals, at_next);
-      const double predicted =
-          at_now.cost - predicted_cost(tree, goals, at_now, elimination.node_twist());
-      const double actual = at_now.cost - at_next.cost;
-      fell = actual >= 0.0;
-      const double largest = step.size() > 0 ? step.cwiseAbs().maxCoeff() : 0.0;
-      const bool negligible = largest < options.stop_step;
+      const double predicted = predicted_fall(damping), fall = at_now.cost - at_next.cost;
+      const bool negligible = step.cwiseAbs().maxCoeff() < options.stop_step;
+      fell = fall >= 0.0;
       if (fell) {
-        const double agreement = predicted > 0.0 ? actual / predicted : 1.0;
-        const double cube = (2.0 * agreement - 1.0) * (2.0 * agreement - 1.0) * (2.0 * agreement - 1.0);
-        damping = std::max(kLeast, damping * std::max(0.1, 1.0 - cube));
+        const double agreement = predicted > 0.0 ? fall / predicted : 1.0;
+        const double cube = std::pow(2.0 * agreement - 1.0, 3);
+        damping = std::max(kLeastDamping, damping * std::max(kShrink, 1.0 - cube));
         growth = 2.0;
+        const bool level = fall < options.stop_cost_decrease * at_now.cost;
         report.converged =
-            done(at_next) || ((negligible || actual < options.stop_cost_decrease * at_now.cost) &&
-                              stats.settled && agreement > 0.25);
+            done(at_next) || ((negligible || level) && stats.settled && agreement > 0.25);
+        // Errors that stay large have curvature that counts.
+        curved = fall < kStalling * at_now.cost;
       } else {
         damping *= growth;
         growth *= 2.0;
-        if (negligible || damping > kMost) {
-          report.converged = true;
-          break;
-        }
+        report.converged = negligible || damping > kMostDamping;
       }
     }
-    report.residual = -tried;  // measured below, once
-    if (!fell) break;
     if (report.converged || report.relinearisations == options.max_relinearisations) {
       report.residual = measure_residual(tried);
     }
+    if (!fell) break;
     std::swap(now, next);
     std::swap(at_now, at_next);
   }
-  if (report.residual < 0.0) report.residual = measure_residual(-report.residual);
 }
 
 void IkSolver::State::descend_paper(IkReport& report) {
@@ -178,8 +227,9 @@ void IkSolver::State::descend_paper(IkReport& report) {
     normal_equations(tree, at_now, load, a, b);
     a.diagonal() += options.damping * tree.damping;
     step.setZero();
-    const PgsStats stats = solve_pgs({a, b, now.x, tree.min, tree.max, ellipses}, step,
-                                     {.max_sweeps = options.sweeps, .tolerance = options.stop_step});
+    const PgsStats stats =
+        solve_pgs({a, b, now.x, tree.min, tree.max, ellipses}, step,
+                  {.max_sweeps = options.sweeps, .tolerance = options.stop_step});
     report.sweeps += stats.sweeps;
     gradient.noalias() = a * step;
     gradient -= b;
@@ -214,7 +264,8 @@ void IkSolver::State::restart(int attempt) {
     return static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-53;
   };
   for (Eigen::Index k = 0; k < now.x.size(); ++k) {
-    if (std::isfinite(tree.min[k])) now.x[k] = tree.min[k] + uniform() * (tree.max[k] - tree.min[k]);
+    if (std::isfinite(tree.min[k]))
+      now.x[k] = tree.min[k] + uniform() * (tree.max[k] - tree.min[k]);
   }
   for (const EllipseLimit& e : ellipses) {
     now.x[e.coordinate] = e.swing.min0 + uniform() * (e.swing.max0 - e.swing.min0);
@@ -225,22 +276,30 @@ void IkSolver::State::restart(int attempt) {
 
 void IkSolver::State::solve_with_restarts(IkReport& report) {
   descend(report);
-  if (options.restarts == 0 || reached(at_now)) return;
-  best = now;
+  const int unwinds = options.unwind && at_now.cost < kWoundCost ? kUnwinds : 0;
+  const int attempts = unwinds + options.restarts;
+  if (attempts == 0 || reached(at_now)) return;
+  wound = best = now;
   double best_cost = at_now.cost;
   IkReport kept = report;
-  for (int i = 0; i < options.restarts; ++i) {
-    restart(i);
+  for (int i = 0; i < attempts; ++i) {
+    const bool unwinding = i < unwinds;
+    if (unwinding) {
+      const double part = static_cast<double>(i + 1) / kUnwinds;
+      now.x = wound.x + part * tree.limited.cwiseProduct(tree.middle - wound.x);
+      now.rotation = wound.rotation;
+    } else {
+      restart(i - unwinds);
+    }
     IkReport tried;
     descend(tried);
     report.relinearisations += tried.relinearisations;
     report.tree_passes += tried.tree_passes;
     const bool there = reached(at_now);
-    if (there || at_now.cost < best_cost) {
+    if (there || (!unwinding && at_now.cost < best_cost)) {
       best = now;
       best_cost = at_now.cost;
-      kept.residual = tried.residual;
-      kept.converged = tried.converged;
+      kept = tried;
     }
     if (there) break;
   }
@@ -266,8 +325,7 @@ Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
   return IkSolver(std::make_unique<State>(rig, options));
 }
 
-IkReport IkSolver::solve(std::span<const EffectorTarget> targets,
-                         std::span<DualQuaternion> pose) {
+IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<DualQuaternion> pose) {
   State& s = *state_;
   IkReport report;
   s.tree.resolve(targets, s.goals);

@@ -36,6 +36,10 @@ struct IkOptions {
   int max_relinearisations = 60;
   int sweeps = 3;         ///< pgs_paper: per relinearisation
   double damping = 1e-4;  ///< D; rotations (rad); translations: damping / l^2 with l = 1 m
+  /// pgs: where the start ends out of tolerance, try again from a third, two thirds and all of the
+  /// way to the middle of the ranges; an answer is kept if it gets there. A clip whose targets
+  /// leave much open can wind itself into a corner of its limits; leaving it shows as a jump.
+  bool unwind = false;
   /// pgs: other starts to try, always the same ones, where the first ends out of tolerance. For
   /// poses that stand alone; in a clip they would pop.
   int restarts = 0;

@@ -6,7 +6,8 @@
 //  - hinge: a = Q axis0.   universal: a = Q axis0 and Q R0 axis1.
 //  - limited ball, R = exp(s) exp(t z), s = (s0, s1, 0) in its triad: turning by ds turns the joint
 //    by Jl(s) ds from the left, Jl(s) = A 1 + B [s] + C s s',
-//    A = sin|s| / |s|, B = (1 - cos|s|) / |s|^2, C = (1 - A) / |s|^2, and dt turns it about exp(s) z.
+//    A = sin|s| / |s|, B = (1 - cos|s|) / |s|^2, C = (1 - A) / |s|^2, and dt turns it about exp(s)
+//    z.
 //  - ball and free without limits: R <- exp(d) R, the axes are Q's own.
 //  - free translation: S = (0, axes of the parent).
 // The limits are then a box and an ellipse in coordinates, exact and convex.
@@ -21,7 +22,7 @@ namespace limber {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
-constexpr double kNoWidth = 1e-9;          // rad
+constexpr double kNoWidth = 1e-9;         // rad
 constexpr double kMetresPerRadian = 0.1;  // of the effector cost (DESIGN section 3)
 
 Eigen::Quaterniond about(const Eigen::Vector3d& axis, double angle) {
@@ -161,6 +162,16 @@ void IkTree::add_node(const RigJoint& joint, std::int32_t index, std::int32_t pa
     max[first] = wide0 ? node.swing.max0 : 0.0;
     min[first + 1] = wide1 ? node.swing.min1 : 0.0;
     max[first + 1] = wide1 ? node.swing.max1 : 0.0;
+  }
+  middle.conservativeResize(count);
+  limited.conservativeResize(count);
+  for (Eigen::Index k = first; k < count; ++k) {
+    limited[k] = std::isfinite(min[k]) || (node.ellipse && k < first + 2) ? 1.0 : 0.0;
+    middle[k] = std::isfinite(min[k]) ? 0.5 * (min[k] + max[k]) : 0.0;
+  }
+  if (node.ellipse) {
+    middle[first] = 0.5 * (node.swing.min0 + node.swing.max0);
+    middle[first + 1] = 0.5 * (node.swing.min1 + node.swing.max1);
   }
   nodes.push_back(node);
 }

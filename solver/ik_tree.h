@@ -28,7 +28,7 @@ struct IkNode {
   Eigen::Vector3d offset;        ///< in the parent node's space
   Eigen::Quaterniond slide;      ///< free: axes of its translation, in the parent node's space
   Eigen::Quaterniond before;     ///< parent_from_joint rotation = before * motion * after
-  Eigen::Quaterniond after;      ///< chart: turns the triad to (x, y, z), so that motion is canonical
+  Eigen::Quaterniond after;  ///< chart: turns the triad to (x, y, z), so that motion is canonical
   Eigen::Vector3d axis0, axis1;  ///< hinge, universal: in the space after `before`
   SwingEllipse swing{};
 };
@@ -82,9 +82,8 @@ struct IkKinematics {
 IkEffector make_effector(const RigEffector&, std::int32_t node,
                          const DualQuaternion& node_from_joint);
 IkGoal make_goal(const IkEffector&, const EffectorTarget&);
-void measure_error(const IkEffector&, const IkGoal&,
-                   const Eigen::Quaterniond& world_from_effector, const Eigen::Vector3d& point,
-                   IkError&);
+void measure_error(const IkEffector&, const IkGoal&, const Eigen::Quaterniond& world_from_effector,
+                   const Eigen::Vector3d& point, IkError&);
 
 class IkTree {
  public:
@@ -114,8 +113,10 @@ class IkTree {
   std::vector<IkNode> nodes;  ///< parents first
   std::vector<IkEffector> effectors;
   std::vector<std::int32_t> children_begin, children;  ///< [node], nodes
-  std::vector<std::int32_t> outside;  ///< joints of the rig that are no node
+  std::vector<std::int32_t> outside;                   ///< joints of the rig that are no node
   Eigen::VectorXd min, max;  ///< [coordinate] box; infinite where free or under an ellipse
+  Eigen::VectorXd limited;   ///< [coordinate] 1 where it has a range, else 0
+  Eigen::VectorXd middle;    ///< [coordinate] of that range
   Eigen::VectorXd damping;   ///< [coordinate] 1 for rad; 1 / l^2, l = 1 m, for metres
 
  private:

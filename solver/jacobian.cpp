@@ -13,7 +13,21 @@
 // inertia [ j 1 - [d] M [d], [d] M; -M [d], M ], M = m 1, and for a line M = m (1 - n n'). The sum
 // over the effectors outside coordinate k is the composite inertia I_k, and
 //   (J'WJ)_kl = S_l' I_k S_k  for l at or above k,   (J'We)_k = S_k' (composite pull).
+//
+// Newton. J'WJ leaves out the errors' second derivatives, which matter as much as it where errors
+// stay large: out of reach, or many effectors in conflict. To second order a node moves by the
+// twist
+//   xi = xi_inner + S q + 1/2 [xi_inner, S q],   [(a, v), (b, w)] = (a x b, a x w + v x b),
+// and a point by v + a x d + 1/2 a x (v + a x d). With the force F = m e that pulls at d, the
+// point's term -F.(1/2 a x (v + a x d)) is the symmetric addition to its inertia
+//   [ (d.F) 1 - 1/2 (d F' + F d'), 1/2 [F]; -1/2 [F], 0 ],
+// the rotation's Hessian across e is theta/2 cot(theta/2) instead of 1, and the bracket couples the
+// coordinate with its inner side by -1/2 q pull.[xi_inner, S] (see tree_elimination.cpp). What is
+// still left out is the second derivative of the swing's own chart; it acts on the torque about the
+// ball, which vanishes at an optimum inside the ball's limits.
 #include "solver/jacobian.h"
+
+#include <cmath>
 
 namespace limber {
 
@@ -52,8 +66,61 @@ void effector_jacobian(const IkTree& tree, std::span<const IkGoal> goals,
   }
 }
 
+namespace {
+
+/// Adds the inertia of a mass matrix (isotropic, or projected for a line) at d.
+void add_mass(const IkGoal& goal, bool line, const Eigen::Vector3d& d, Matrix6& inertia) {
+  if (line) {
+    const Eigen::Matrix3d arm = cross_matrix(d);
+    const Eigen::Matrix3d mass =
+        goal.mass * (Eigen::Matrix3d::Identity() - goal.axis * goal.axis.transpose());
+    inertia.topLeftCorner<3, 3>() -= arm * mass * arm;
+    inertia.topRightCorner<3, 3>() += arm * mass;
+    inertia.bottomLeftCorner<3, 3>() -= mass * arm;
+    inertia.bottomRightCorner<3, 3>() += mass;
+    return;
+  }
+  const double m = goal.mass, mx = m * d.x(), my = m * d.y(), mz = m * d.z();
+  inertia.topLeftCorner<3, 3>() -= (m * d) * d.transpose();
+  inertia.topLeftCorner<3, 3>().diagonal().array() += m * d.squaredNorm();
+  inertia(0, 4) -= mz, inertia(4, 0) -= mz, inertia(0, 5) += my, inertia(5, 0) += my;
+  inertia(1, 3) += mz, inertia(3, 1) += mz, inertia(1, 5) -= mx, inertia(5, 1) -= mx;
+  inertia(2, 3) -= my, inertia(3, 2) -= my, inertia(2, 4) += mx, inertia(4, 2) += mx;
+  inertia.bottomRightCorner<3, 3>().diagonal().array() += m;
+}
+
+void add_point_curvature(const Eigen::Vector3d& d, const Eigen::Vector3d& force, Matrix6& inertia) {
+  const Eigen::Matrix3d outer = 0.5 * d * force.transpose();
+  const Eigen::Matrix3d half = 0.5 * cross_matrix(force);
+  inertia.topLeftCorner<3, 3>() -= outer + outer.transpose();
+  inertia.topLeftCorner<3, 3>().diagonal().array() += d.dot(force);
+  inertia.topRightCorner<3, 3>() += half;
+  inertia.bottomLeftCorner<3, 3>() -= half;
+}
+
+void add_rotation_curvature(const Eigen::Vector3d& error, double weight, Matrix6& inertia) {
+  const double angle2 = error.squaredNorm();
+  if (angle2 < 1e-12) return;
+  const double half = 0.5 * std::sqrt(angle2);
+  const double across = half / std::tan(half) - 1.0;  // <= 0
+  inertia.topLeftCorner<3, 3>().diagonal().array() += weight * across;
+  inertia.topLeftCorner<3, 3>() -= (weight * across / angle2) * error * error.transpose();
+}
+
+}  // namespace
+
+Vector6 turn_of_pull(const Vector6& axis, const Vector6& pull) {
+  const Eigen::Vector3d turn = axis.head<3>(), slide = axis.tail<3>();
+  const Eigen::Vector3d torque = pull.head<3>(), force = pull.tail<3>();
+  Vector6 k;
+  k.head<3>() = turn.cross(torque) + slide.cross(force);
+  k.tail<3>() = turn.cross(force);
+  return k;
+}
+
 void effector_load(const IkTree& tree, std::span<const IkGoal> goals,
-                   const IkKinematics& kinematics, EffectorLoad& load) {
+                   const IkKinematics& kinematics, EffectorLoad& load, bool curved) {
+  load.curved = curved;
   for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
     load.inertia[n].setZero();
     load.pull[n].setZero();
@@ -70,31 +137,24 @@ void effector_load(const IkTree& tree, std::span<const IkGoal> goals,
       const Eigen::Vector3d force = goal.mass * error.position;
       pull.head<3>() += d.cross(force);
       pull.tail<3>() += force;
-      if (effector.kind == EffectorKind::line) {
-        const Eigen::Matrix3d arm = cross_matrix(d);
-        const Eigen::Matrix3d mass =
-            goal.mass * (Eigen::Matrix3d::Identity() - goal.axis * goal.axis.transpose());
-        inertia.topLeftCorner<3, 3>() -= arm * mass * arm;
-        inertia.topRightCorner<3, 3>() += arm * mass;
-        inertia.bottomLeftCorner<3, 3>() -= mass * arm;
-        inertia.bottomRightCorner<3, 3>() += mass;
-      } else {
-        const double m = goal.mass, mx = m * d.x(), my = m * d.y(), mz = m * d.z();
-        inertia.topLeftCorner<3, 3>() -= (m * d) * d.transpose();
-        inertia.topLeftCorner<3, 3>().diagonal().array() += m * d.squaredNorm();
-        inertia(0, 4) -= mz, inertia(4, 0) -= mz, inertia(0, 5) += my, inertia(5, 0) += my;
-        inertia(1, 3) += mz, inertia(3, 1) += mz, inertia(1, 5) -= mx, inertia(5, 1) -= mx;
-        inertia(2, 3) -= my, inertia(3, 2) -= my, inertia(2, 4) += mx, inertia(4, 2) += mx;
-        inertia.bottomRightCorner<3, 3>().diagonal().array() += m;
-      }
+      add_mass(goal, effector.kind == EffectorKind::line, d, inertia);
+      if (curved) add_point_curvature(d, force, inertia);
     }
     if (goal.inertia > 0.0) {
       pull.head<3>() += goal.inertia * error.rotation;
       inertia.topLeftCorner<3, 3>().diagonal().array() += goal.inertia;
       if (is_axial(effector.kind)) {
         inertia.topLeftCorner<3, 3>() -= (goal.inertia * error.axis) * error.axis.transpose();
+      } else if (curved) {
+        add_rotation_curvature(error.rotation, goal.inertia, inertia);
       }
     }
+  }
+  if (!curved) return;
+  load.outer_pull = load.pull;
+  for (std::size_t n = tree.nodes.size(); n-- > 0;) {
+    const std::int32_t parent = tree.nodes[n].parent;
+    if (parent >= 0) load.outer_pull[parent] += load.outer_pull[n];
   }
 }
 

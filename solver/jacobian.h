@@ -15,12 +15,22 @@ void effector_jacobian(const IkTree&, std::span<const IkGoal>, const IkKinematic
                        Eigen::Ref<Eigen::MatrixXd> jacobian);
 
 /// Per node, about kinematics.origin: the inertia and the pull (wrench: torque, force) of the
-/// effectors on it.
+/// effectors on it. `outer_pull` also holds what pulls on the nodes outside of it.
 struct EffectorLoad {
   std::vector<Matrix6> inertia;
-  std::vector<Vector6> pull;
+  std::vector<Vector6> pull, outer_pull;
+  bool curved = false;  ///< the inertia holds the second derivatives of the errors
+  explicit EffectorLoad(std::size_t nodes = 0)
+      : inertia(nodes, Matrix6::Zero()),
+        pull(nodes, Vector6::Zero()),
+        outer_pull(nodes, Vector6::Zero()) {}
 };
-void effector_load(const IkTree&, std::span<const IkGoal>, const IkKinematics&, EffectorLoad&);
+/// `curved`: Newton instead of Gauss-Newton, see the file's head.
+void effector_load(const IkTree&, std::span<const IkGoal>, const IkKinematics&, EffectorLoad&,
+                   bool curved = false);
+
+/// The covector k with pull . [v, axis] = k . v for every twist v.
+Vector6 turn_of_pull(const Vector6& axis, const Vector6& pull);
 
 /// Cost that is left if effectors moved by their nodes' twists, errors being linear.
 double predicted_cost(const IkTree&, std::span<const IkGoal>, const IkKinematics&,

@@ -21,8 +21,8 @@ double largest_eigenvalue(double a00, double a01, double a11) {
 }
 
 /// Returns the larger of the two changes.
-double update_swing(const LimitedProblem& p, const EllipseLimit& limit, Eigen::Ref<Eigen::VectorXd> x,
-                    double relaxation) {
+double update_swing(const LimitedProblem& p, const EllipseLimit& limit,
+                    Eigen::Ref<Eigen::VectorXd> x, double relaxation) {
   const std::int32_t i = limit.coordinate;
   const double a00 = p.a(i, i), a01 = p.a(i, i + 1), a11 = p.a(i + 1, i + 1);
   const Eigen::Vector2d g(p.a.col(i).dot(x) - p.b[i], p.a.col(i + 1).dot(x) - p.b[i + 1]);

@@ -70,8 +70,8 @@ Eigen::Quaterniond nearest_axis_angles(const RigJoint& joint, const Eigen::Quate
   for (int k = 0; k < dof_count(joint.type); ++k) {
     double angle = q[k];
     if (is_limited(joint.limits[k])) {
-      angle = std::clamp(wrap_into(joint.limits[k], angle), joint.limits[k].min,
-                         joint.limits[k].max);
+      angle =
+          std::clamp(wrap_into(joint.limits[k], angle), joint.limits[k].min, joint.limits[k].max);
     }
     r = r * Eigen::Quaterniond(Eigen::AngleAxisd(angle, joint.axes[k]));
   }
@@ -125,8 +125,8 @@ double SwingEllipse::level(const Eigen::Vector2d& s) const {
 
 Eigen::Vector2d SwingEllipse::project(const Eigen::Vector2d& s) const {
   if (level(s) <= 1.0) return s;
-  const Eigen::Vector2d nearest = project_onto_quarter(
-      side(s.x(), min0, max0), side(s.y(), min1, max1), s.cwiseAbs());
+  const Eigen::Vector2d nearest =
+      project_onto_quarter(side(s.x(), min0, max0), side(s.y(), min1, max1), s.cwiseAbs());
   return {std::copysign(nearest.x(), s.x()), std::copysign(nearest.y(), s.y())};
 }
 
@@ -167,8 +167,8 @@ void project_joint(const Rig& rig, std::int32_t i, std::span<DualQuaternion> par
   const bool kept = allowed.coeffs() == rotation.coeffs();
   const double slip = (local.translation() - joint.offset).norm();
   if (kept && slip <= 1e-12 * (1.0 + joint.offset.norm())) return;
-  local = DualQuaternion::from_rotation_translation(
-      kept ? local.rotation() : joint.rest * allowed, joint.offset);
+  local = DualQuaternion::from_rotation_translation(kept ? local.rotation() : joint.rest * allowed,
+                                                    joint.offset);
 }
 
 void project_into_limits(const Rig& rig, std::span<DualQuaternion> parent_from_joint) {

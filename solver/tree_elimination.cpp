@@ -10,19 +10,23 @@
 // stationarity in its step d, S'(I (v + S d) + p) + m d = 0, gives d = (u - U'v) / D and
 //   I <- I - U U' / D,  p <- p + U u / D      felt by what is inside of k.
 // A coordinate held at d = h only adds its push: p <- p + U h; the objective's gradient along it is
-// U'v + D h - u, its multiplier. Tips to roots eliminates, roots to tips substitutes. Both are exact
-// for the given active set.
+// U'v + D h - u, its multiplier. Tips to roots eliminates, roots to tips substitutes. Both are
+// exact for the given active set.
 //
 // The active set: lock what left its range, eliminate again (only nodes whose limits changed, and
-// those inside of them), release what the objective pulls inwards; semi-smooth Newton. Locking alone
-// ends, so after kReleasePasses nothing is released any more and the loop is finite; the caller's
-// next linearisation releases the rest.
+// those inside of them), release what the objective pulls inwards; semi-smooth Newton. Locking
+// alone ends, so after kReleasePasses nothing is released any more and the loop is finite; the
+// caller's next linearisation releases the rest.
+//
+// Newton (load.curved, see jacobian.cpp) adds to the objective -1/2 d k.v per coordinate, k the
+// turn of the outer pull by S. It couples d with v alone: U = I S - k / 2 everywhere above. Pivots
+// may then lose their sign; `definite` tells, and the caller goes back to Gauss-Newton.
 //
 // A swing on its ellipse turns its two coordinates into tangent and normal: the normal one is held
 // so that the swing ends on the tangent line, the tangent one is free. The border curves away from
-// that line by kappa (tau - tau_p)^2 / 2, tau_p where it touches, against which the objective presses
-// with its multiplier lambda, so lambda kappa joins the tangent's armature and pulls towards tau_p:
-// the Hessian of the Lagrangian, not of the line.
+// that line by kappa (tau - tau_p)^2 / 2, tau_p where it touches, against which the objective
+// presses with its multiplier lambda, so lambda kappa joins the tangent's armature and pulls
+// towards tau_p: the Hessian of the Lagrangian, not of the line.
 #include "solver/tree_elimination.h"
 
 #include <algorithm>
@@ -35,9 +39,9 @@ namespace {
 constexpr int kMaxPasses = 24;
 constexpr int kReleasePasses = 8;
 constexpr int kTangentPasses = 6;
-constexpr double kTouch = 1e-10;      // rad, m: nearer to a limit counts as on it
-constexpr double kTangentGap = 1e-10;  // rad: how far from its ellipse a held swing may end
-constexpr double kWall = 1e-9;         // rad: a side of the ellipse that has no width
+constexpr double kTouch = 1e-10;  // rad, m: nearer to a limit counts as on it
+constexpr double kSlide = 1e-9;   // rad: shorter ways along a tangent count as none
+constexpr double kWall = 1e-9;    // rad: a side of the ellipse that has no width
 
 }  // namespace
 
@@ -100,8 +104,8 @@ void TreeElimination::prepare_pivots(std::int32_t n, const Eigen::VectorXd& x, d
     pivot.axis = kinematics_->axis[k];
     pivot.locked = lock_[k] != Lock::none;
     pivot.diagonal = damping * tree_.damping[k];
-    pivot.pull = 0.0;
-    pivot.held = !pivot.locked             ? 0.0
+    pivot.pull = pivot.diagonal * wish_[k];
+    pivot.held = !pivot.locked           ? 0.0
                  : lock_[k] == Lock::max ? tree_.max[k] - x[k]
                                          : tree_.min[k] - x[k];
   }
@@ -122,7 +126,10 @@ void TreeElimination::prepare_pivots(std::int32_t n, const Eigen::VectorXd& x, d
   normal.axis = swing.normal.x() * axis0 + swing.normal.y() * axis1;
   const double stiffness = swing.press * swing.curvature;
   tangent.diagonal += stiffness;
-  tangent.pull = stiffness * (swing.normal.x() * ahead.y() - swing.normal.y() * ahead.x());
+  const double wish0 = tangent.pull, wish1 = normal.pull;
+  tangent.pull = swing.normal.x() * wish1 - swing.normal.y() * wish0;
+  normal.pull = swing.normal.x() * wish0 + swing.normal.y() * wish1;
+  tangent.pull += stiffness * (swing.normal.x() * ahead.y() - swing.normal.y() * ahead.x());
   normal.locked = true;
   normal.held = swing.normal.dot(ahead);
 }
@@ -141,11 +148,13 @@ void TreeElimination::eliminate(std::int32_t n, const Eigen::VectorXd& x, double
     Pivot& pivot = pivot_[k];
     pivot.momentum.noalias() = out.inertia * pivot.axis;
     pivot.diagonal += pivot.axis.dot(pivot.momentum);
+    if (load_->curved) pivot.momentum -= 0.5 * turn_of_pull(pivot.axis, load_->outer_pull[n]);
     pivot.drive = pivot.pull - pivot.axis.dot(out.bias);
     if (pivot.locked) {
       if (pivot.held != 0.0) out.bias += pivot.held * pivot.momentum;
       continue;
     }
+    definite_ = definite_ && pivot.diagonal > 0.0;
     pivot.inverse = pivot.diagonal > 0.0 ? 1.0 / pivot.diagonal : 0.0;
     const Vector6 scaled = pivot.inverse * pivot.momentum;
     out.inertia.noalias() -= scaled * pivot.momentum.transpose();
@@ -212,8 +221,7 @@ bool TreeElimination::update_swing(std::int32_t n, const Eigen::VectorXd& x,
   const IkNode& node = tree_.nodes[n];
   if (!node.ellipse) return false;
   SwingLock& lock = swing_[n];
-  const Eigen::Vector2d end =
-      x.segment<2>(node.coordinate) + step.segment<2>(node.coordinate);
+  const Eigen::Vector2d end = x.segment<2>(node.coordinate) + step.segment<2>(node.coordinate);
   if (!lock.active) {
     if (node.swing.level(end) <= 1.0 + 1e-10) return false;
     lock = SwingLock{};
@@ -243,11 +251,11 @@ bool TreeElimination::update_swing(std::int32_t n, const Eigen::VectorXd& x,
     return true;
   }
   lock.press = std::max(press, 0.0);
-  if ((node.swing.project(end) - end).norm() < kTangentGap) return false;
   // Slid along the tangent: take up the border again where that ended. Slides to and fro halve, so
   // that a border which bends away under a long one is bisected.
   const Eigen::Vector2d tangent(-lock.normal.y(), lock.normal.x());
   const double slide = tangent.dot(end - lock.point);
+  if (std::abs(slide) < kSlide) return false;
   lock.reach = slide * lock.slide < 0.0 ? 0.5 * std::min(lock.reach, std::abs(lock.slide))
                                         : 2.0 * lock.reach;
   lock.slide = std::clamp(slide, -lock.reach, lock.reach);
@@ -256,11 +264,13 @@ bool TreeElimination::update_swing(std::int32_t n, const Eigen::VectorXd& x,
 }
 
 EliminationStats TreeElimination::solve(const Eigen::VectorXd& x, double damping,
-                                        Eigen::VectorXd& step) {
+                                        const Eigen::VectorXd& wish, Eigen::VectorXd& step) {
   EliminationStats stats;
+  wish_ = wish.data();
+  definite_ = true;
   std::fill(dirty_.begin(), dirty_.end(), std::uint8_t(1));
   const auto nodes = static_cast<std::int32_t>(tree_.nodes.size());
-  while (stats.passes < kMaxPasses && !stats.settled) {
+  while (stats.passes < kMaxPasses && !stats.settled && definite_) {
     ++stats.passes;
     for (std::int32_t n = nodes - 1; n >= 0; --n) {
       if (!dirty_[n]) continue;
@@ -268,6 +278,7 @@ EliminationStats TreeElimination::solve(const Eigen::VectorXd& x, double damping
       if (tree_.nodes[n].parent >= 0) dirty_[tree_.nodes[n].parent] = 1;
       dirty_[n] = 0;
     }
+    if (!definite_) break;
     substitute(step);
     stats.settled = true;
     for (std::int32_t n = 0; n < nodes; ++n) {
@@ -281,6 +292,7 @@ EliminationStats TreeElimination::solve(const Eigen::VectorXd& x, double damping
       }
     }
   }
+  stats.definite = definite_;
   return stats;
 }
 

@@ -13,10 +13,11 @@ namespace limber {
 struct EliminationStats {
   int passes = 0;
   bool settled = false;  ///< no limit wanted to change any more
+  bool definite = true;  ///< false: a curved problem has no minimum; the step is void
 };
 
-/// min 1/2 d'(J'WJ + damping D) d - d'J'We with x + d within limits, by O(n) elimination along the
-/// tree for a fixed set of active limits, and a search for that set.
+/// min 1/2 d'J'WJ d - d'J'We + damping/2 (d - wish)'D(d - wish) with x + d within limits, by O(n)
+/// elimination along the tree for a fixed set of active limits, and a search for that set.
 class TreeElimination {
  public:
   explicit TreeElimination(const IkTree&);
@@ -26,7 +27,8 @@ class TreeElimination {
   /// A new place: `load` per node (not composite), twists from the kinematics.
   void linearise(const IkKinematics&, const EffectorLoad& load);
   /// `step`: the solution. The active set is the start for the next call.
-  EliminationStats solve(const Eigen::VectorXd& x, double damping, Eigen::VectorXd& step);
+  EliminationStats solve(const Eigen::VectorXd& x, double damping, const Eigen::VectorXd& wish,
+                         Eigen::VectorXd& step);
   /// Twists of the nodes under the last step.
   std::span<const Vector6> node_twist() const { return twist_; }
 
@@ -43,10 +45,10 @@ class TreeElimination {
     double reach = 1.0;  ///< the longest one allowed
   };
   struct Pivot {
-    Vector6 axis, momentum;  ///< S, U = I S
+    Vector6 axis, momentum;                             ///< S, U = I S
     double inverse = 0.0, diagonal = 0.0, drive = 0.0;  ///< 1 / D, D, u
-    double held = 0.0;  ///< the step of a locked one
-    double pull = 0.0;  ///< extra drive, of the tangent's curvature
+    double held = 0.0;                                  ///< the step of a locked one
+    double pull = 0.0;                                  ///< extra drive, of the tangent's curvature
     bool locked = false;
   };
   struct Outside {
@@ -66,6 +68,7 @@ class TreeElimination {
   const IkTree& tree_;
   const IkKinematics* kinematics_ = nullptr;
   const EffectorLoad* load_ = nullptr;
+  const double* wish_ = nullptr;
   std::vector<Lock> lock_;           ///< [coordinate]
   std::vector<SwingLock> swing_;     ///< [node]
   std::vector<Pivot> pivot_;         ///< [coordinate]
@@ -73,6 +76,7 @@ class TreeElimination {
   std::vector<Vector6> twist_;       ///< [node]
   std::vector<double> multiplier_;   ///< [coordinate] gradient of the objective where locked
   std::vector<std::uint8_t> dirty_;  ///< [node]
+  bool definite_ = true;
 };
 
 }  // namespace limber

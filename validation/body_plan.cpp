@@ -118,22 +118,39 @@ std::string sideless(std::string_view full_name) {
   return name;
 }
 
-void pair_by_name(const Skeleton& skeleton, BodyPlan& plan) {
+/// Pairs where the two chains leave the middle; joints that coincide at rest are still there.
+void pair_by_name(const Character& character, BodyPlan& plan) {
+  const Skeleton& skeleton = character.skeleton;
+  const std::vector<DualQuaternion> rest = rest_model(character);
   std::map<std::string, std::int32_t> right;
-  const auto leaves_middle = [&](std::int32_t i) {
+  for (std::int32_t i = 0; i < skeleton.size(); ++i) {
+    if (plan.sides[i] == BodySide::right) right.emplace(sideless(skeleton.names[i]), i);
+  }
+  std::vector<std::uint8_t> apart(skeleton.parents.size(), 0);
+  for (std::int32_t l = 0; l < skeleton.size(); ++l) {
+    const std::int32_t parent = skeleton.parents[l];
+    apart[l] = parent != kNoJoint && apart[parent];
+    if (plan.sides[l] != BodySide::left || apart[l]) continue;
+    const auto r = right.find(sideless(skeleton.names[l]));
+    if (r == right.end()) continue;
+    if ((rest[l].translation() - rest[r->second].translation()).norm() < 1e-4) continue;
+    plan.pairs.emplace_back(l, r->second);
+    apart[l] = 1;
+  }
+}
+
+/// Control joints beside the body (IK targets, poles) say nothing about where it looks.
+void keep_pairs_below(const Skeleton& skeleton, std::int32_t pelvis, BodyPlan& plan) {
+  std::vector<std::uint8_t> inside(skeleton.parents.size(), 0);
+  for (std::int32_t i = pelvis; i < skeleton.size(); ++i) {
     const std::int32_t parent = skeleton.parents[i];
-    return parent == kNoJoint || plan.sides[parent] == BodySide::centre;
-  };
-  for (std::int32_t i = 0; i < skeleton.size(); ++i) {
-    if (plan.sides[i] == BodySide::right && leaves_middle(i)) {
-      right.emplace(sideless(skeleton.names[i]), i);
-    }
+    inside[i] = i == pelvis || (parent != kNoJoint && inside[parent]);
   }
-  for (std::int32_t i = 0; i < skeleton.size(); ++i) {
-    if (plan.sides[i] != BodySide::left || !leaves_middle(i)) continue;
-    const auto mirror = right.find(sideless(skeleton.names[i]));
-    if (mirror != right.end()) plan.pairs.emplace_back(i, mirror->second);
+  std::vector<std::pair<std::int32_t, std::int32_t>> kept;
+  for (const auto& pair : plan.pairs) {
+    if (inside[pair.first] && inside[pair.second]) kept.push_back(pair);
   }
+  if (!kept.empty()) plan.pairs = kept;
 }
 
 /// Sides of a skeleton whose names tell nothing: siblings with like subtrees, beside each other at
@@ -141,11 +158,7 @@ void pair_by_name(const Skeleton& skeleton, BodyPlan& plan) {
 void pair_by_shape(const Character& character, BodyPlan& plan) {
   const Skeleton& skeleton = character.skeleton;
   const auto n = static_cast<std::size_t>(skeleton.size());
-  std::vector<DualQuaternion> rest = character.bind_model_from_joint;
-  if (rest.size() != n) {
-    rest.resize(n);
-    model_from_local(skeleton, skeleton.rest_parent_from_joint, rest);
-  }
+  const std::vector<DualQuaternion> rest = rest_model(character);
   const auto at = [&](std::int32_t i) { return rest[i].translation(); };
   std::vector<int> joints(n, 1);
   std::vector<double> length(n, 0.0);
@@ -212,6 +225,11 @@ bool part_of_a_body(std::string_view lower_name) {
   return false;
 }
 
+bool below(const Skeleton& skeleton, std::int32_t joint, std::int32_t top) {
+  while (joint > top) joint = skeleton.parents[joint];
+  return joint == top;
+}
+
 std::int32_t find_named(const Character& character, const BodyPlan& plan, std::string_view role,
                         std::initializer_list<std::string_view> words) {
   for (std::int32_t i = 0; i < character.skeleton.size(); ++i) {
@@ -227,6 +245,15 @@ std::int32_t find_named(const Character& character, const BodyPlan& plan, std::s
 }
 
 }  // namespace
+
+std::vector<DualQuaternion> rest_model(const Character& character) {
+  const Skeleton& skeleton = character.skeleton;
+  std::vector<DualQuaternion> rest = character.bind_model_from_joint;
+  if (rest.size() == skeleton.parents.size()) return rest;
+  rest.resize(skeleton.parents.size());
+  model_from_local(skeleton, skeleton.rest_parent_from_joint, rest);
+  return rest;
+}
 
 std::int32_t knuckle_of(const Skeleton& skeleton, const BodyPlan& plan, std::int8_t finger) {
   std::vector<std::int32_t> chain;
@@ -268,7 +295,7 @@ BodyPlan plan_of(const Character& character) {
   };
   plan.hand_only = !body && some(0) && some(1);
   if (named_sides(character, plan)) {
-    pair_by_name(skeleton, plan);
+    pair_by_name(character, plan);
   } else if (!plan.hand_only) {
     std::fill(plan.sides.begin(), plan.sides.end(), BodySide::centre);
     pair_by_shape(character, plan);
@@ -279,11 +306,19 @@ BodyPlan plan_of(const Character& character) {
   }
   plan.head = find_named(character, plan, "head", {"head"});
   plan.pelvis = find_named(character, plan, "hips", {"hips", "pelvis", "hip"});
-  if (plan.pelvis == kNoJoint) {  // where the tree first branches
+  // iClone's "Pelvis" carries the legs alone: the figure hangs on what also carries the head.
+  while (plan.pelvis > 0 && plan.head != kNoJoint && !below(skeleton, plan.head, plan.pelvis) &&
+         skeleton.parents[plan.pelvis] != kNoJoint) {
+    plan.pelvis = skeleton.parents[plan.pelvis];
+  }
+  if (plan.pelvis == kNoJoint) {  // where the tree first branches, if it does
     const auto children = children_of(skeleton);
     plan.pelvis = 0;
     while (children[plan.pelvis].size() == 1) plan.pelvis = children[plan.pelvis][0];
+    if (children[plan.pelvis].empty()) plan.pelvis = 0;
   }
+  plan.stands = plan.head != kNoJoint || !plan.pairs.empty();
+  keep_pairs_below(skeleton, plan.pelvis, plan);
   return plan;
 }
 

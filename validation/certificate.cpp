@@ -36,7 +36,8 @@ std::vector<JointPair> pair_joints(const Skeleton& a, const Skeleton& b,
 
 void keep_larger(CertificateReport::Worst& worst, double value, const std::string& joint,
                  std::int64_t frame) {
-  if (!(value <= worst.value)) worst = {value, joint, frame};  // NaN is the worst
+  if (std::isnan(worst.value)) return;  // nothing is worse
+  if (!(value <= worst.value)) worst = {value, joint, frame};
 }
 
 struct Spaces {

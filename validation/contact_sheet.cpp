@@ -30,6 +30,7 @@ struct Actor {
   const SheetFigure* figure = nullptr;
   std::unique_ptr<FigureModel> model;
   std::vector<DualQuaternion> model_from_joint;
+  double floor_y = 0.0;  // drawn as y = 0
 
   Actor(const SheetFigure& f, std::span<const std::int32_t> tinted)
       : figure(&f),
@@ -41,10 +42,11 @@ struct Actor {
 
   std::span<const Surface> pose(std::int64_t frame) {
     model_from_local(figure->character->skeleton, figure->clip->frame(frame), model_from_joint);
-    return model->pose(model_from_joint, figure->scale, figure->offset);
+    return model->pose(model_from_joint, figure->scale, shift());
   }
+  Eigen::Vector3d shift() const { return figure->offset - Eigen::Vector3d(0, floor_y, 0); }
   Eigen::Vector3d anchor() const {
-    return figure->scale * model_from_joint[plan().pelvis].translation() + figure->offset;
+    return figure->scale * model_from_joint[plan().pelvis].translation() + shift();
   }
 };
 
@@ -87,7 +89,7 @@ double height_of(std::span<const Eigen::Vector3d> points) {
     low = low.cwiseMin(p);
     high = high.cwiseMax(p);
   }
-  return points.empty() ? 1.0 : std::max((high - low).maxCoeff(), 1e-3);
+  return points.empty() ? 0.0 : (high - low).maxCoeff();
 }
 
 struct Grid {
@@ -124,6 +126,18 @@ void draw_caption(Canvas& canvas, const Box& cell, const ContactSheet& sheet, st
   }
 }
 
+/// Files whose floor is not y = 0 stand on the lowest level they touch; small faults are shown.
+void find_floor(Actor& actor, std::span<const std::int64_t> frames) {
+  double lowest = 1e9, size = 0.0;
+  for (const std::int64_t frame : frames) {
+    const std::vector<Eigen::Vector3d> points = some_points(actor.pose(frame));
+    size = std::max(size, height_of(points));
+    for (const Eigen::Vector3d& p : points) lowest = std::min(lowest, p.y());
+  }
+  if (size == 0.0) return;
+  if (lowest < -0.1 * size || lowest > 0.5 * size) actor.floor_y = lowest;
+}
+
 /// Fits the row's camera to all of its frames; fixes the row's height.
 void frame_row(Row& row, std::size_t columns) {
   row.camera =
@@ -133,6 +147,7 @@ void frame_row(Row& row, std::size_t columns) {
     row.camera->include(points, row.actor->anchor());
     row.size = std::max(row.size, height_of(points));
   }
+  row.size = std::max(row.size, 1e-3);
   row.cell_height = row.camera->fit();
 }
 
@@ -155,7 +170,9 @@ void draw_row(Canvas& canvas, const Row& row, const ContactSheet& sheet,
     draw_scene(canvas, grid.cells[c], scene);
     const auto f = static_cast<std::size_t>(frames[c]);
     if (row.marks && f < sheet.marks.size()) {
-      draw_marks(canvas, grid.cells[c], scene.camera, sheet.marks[f]);
+      Camera of_marks = scene.camera;
+      of_marks.eye.y() += row.actor->floor_y;
+      draw_marks(canvas, grid.cells[c], of_marks, sheet.marks[f]);
     }
     const bool is_worst =
         worst != sheet.error_mm.end() && worst - sheet.error_mm.begin() == frames[c];
@@ -170,15 +187,19 @@ Rgb verdict_color(const std::string& verdict) {
                              : palette::kMuted;
 }
 
-std::string detail_of(const SheetFigure& figure) {
-  return fmt::format("{}{}{} joints, {} frames at {:g} Hz", figure.label,
-                     figure.label.empty() ? "" : "   ", figure.clip->joints, figure.clip->frames(),
-                     figure.clip->rate_hz);
+std::string detail_of(const Actor& actor) {
+  const SheetFigure& figure = *actor.figure;
+  std::string detail = fmt::format("{}{}{} joints, {} frames at {:g} Hz", figure.label,
+                                   figure.label.empty() ? "" : "   ", figure.clip->joints,
+                                   figure.clip->frames(), figure.clip->rate_hz);
+  if (actor.floor_y != 0.0)
+    detail += fmt::format("   (floor drawn at y = {:.2f} m)", actor.floor_y);
+  return detail;
 }
 
 }  // namespace
 
-void draw_head(Canvas& canvas, const Box& box, const ContactSheet& sheet, bool hand) {
+void draw_head(Canvas& canvas, const Box& box, const ContactSheet& sheet, const BodyPlan& plan) {
   double x = box.x;
   if (!sheet.verdict.empty()) {
     std::string word = sheet.verdict;
@@ -203,11 +224,11 @@ void draw_head(Canvas& canvas, const Box& box, const ContactSheet& sheet, bool h
     entry("effector target", palette::kTarget);
   }
   if (!sheet.tinted_joints.empty()) entry("on a limit", palette::kTint);
-  if (hand) {
+  if (plan.hand_only) {
     for (std::size_t f = palette::kFingers.size(); f-- > 0;) {
       entry(palette::kFingerNames[f], palette::kFingers[f]);
     }
-  } else {
+  } else if (plan.stands) {
     entry("right", palette::kRight);
     entry("left", palette::kLeft);
   }
@@ -236,14 +257,16 @@ Result<Image> render_contact_sheet(const ContactSheet& sheet) {
 
   // One direction for all rows, from the source's first frame: a target that faces elsewhere shows.
   std::vector<std::int64_t> source_frames;
+  if (target.plan().stands) find_floor(target, frames);
   target.pose(frames.front());
   Actor* leader = &target;
   if (with_source) {
     for (const std::int64_t f : frames) {
       source_frames.push_back(frame_at_same_time(*sheet.target.clip, f, *sheet.source.clip));
     }
+    if (source->plan().stands) find_floor(*source, source_frames);
     source->pose(source_frames.front());
-    if (!target.plan().hand_only && !source->plan().hand_only) leader = source.get();
+    if (target.plan().stands && source->plan().stands) leader = source.get();
   }
   const ViewDirection front =
       front_view(leader->skeleton(), leader->plan(), leader->model_from_joint);
@@ -255,9 +278,9 @@ Result<Image> render_contact_sheet(const ContactSheet& sheet) {
         leader == source.get()
             ? front
             : front_view(source->skeleton(), source->plan(), source->model_from_joint);
-    rows.push_back(row_of(source.get(), "SOURCE", detail_of(sheet.source), own, source_frames));
+    rows.push_back(row_of(source.get(), "SOURCE", detail_of(*source), own, source_frames));
   }
-  rows.push_back(row_of(&target, "TARGET", detail_of(sheet.target), front, frames));
+  rows.push_back(row_of(&target, "TARGET", detail_of(target), front, frames));
   rows.push_back(row_of(&target, "TARGET",
                         target.plan().hand_only ? "from the thumb's side" : "from the side", side,
                         frames));
@@ -269,8 +292,7 @@ Result<Image> render_contact_sheet(const ContactSheet& sheet) {
   }
   const std::int32_t strips = strips_height(sheet);
   Canvas canvas(kInnerWidth + 2 * kMargin, height + strips + kMargin, palette::kPage);
-  draw_head(canvas, {kMargin, kMargin - 8, kInnerWidth, kHeadHeight}, sheet,
-            target.plan().hand_only);
+  draw_head(canvas, {kMargin, kMargin - 8, kInnerWidth, kHeadHeight}, sheet, target.plan());
   std::int32_t y = kMargin + kHeadHeight - 14;
   for (const Row& row : rows) {
     draw_row(canvas, row, sheet, frames, y);

@@ -10,61 +10,8 @@
 namespace limber {
 namespace {
 
-constexpr int kAround = 10;  // sides of a bone
-
 float display_to_linear(float s) {
   return s <= 0.04045F ? s / 12.92F : std::pow((s + 0.055F) / 1.055F, 2.4F);
-}
-
-/// A surface of revolution about `to - from`, closed at its ends; rings at (t, radius).
-void add_lathe(Surface& s, const Eigen::Vector3d& from, const Eigen::Vector3d& to,
-               std::span<const Eigen::Vector2d> rings, const Eigen::Vector3f& color) {
-  const Eigen::Vector3d along = to - from;
-  const double length = along.norm();
-  if (length < 1e-9) return;
-  const Eigen::Vector3d w = along / length, u = w.unitOrthogonal(), v = w.cross(u);
-  const auto base = static_cast<std::uint32_t>(s.positions.size());
-  for (std::size_t r = 0; r < rings.size(); ++r) {
-    const std::size_t before = r == 0 ? 0 : r - 1, after = std::min(r + 1, rings.size() - 1);
-    const Eigen::Vector2d slope = rings[after] - rings[before];
-    for (int k = 0; k < kAround; ++k) {
-      const double a = 2.0 * M_PI * k / kAround;
-      const Eigen::Vector3d out = std::cos(a) * u + std::sin(a) * v;
-      const Eigen::Vector3d p = from + rings[r][0] * along + rings[r][1] * out;
-      const Eigen::Vector3d n = (slope[0] * length * out - slope[1] * w).normalized();
-      s.positions.push_back(p.cast<float>());
-      s.normals.push_back(n.cast<float>());
-      s.colors.push_back(color);
-    }
-  }
-  for (std::uint32_t r = 0; r + 1 < rings.size(); ++r) {
-    for (std::uint32_t k = 0; k < kAround; ++k) {
-      const std::uint32_t a = base + r * kAround + k, b = base + r * kAround + (k + 1) % kAround;
-      s.triangles.insert(s.triangles.end(), {a, b, a + kAround, b, b + kAround, a + kAround});
-    }
-  }
-}
-
-void add_ball(Surface& s, const Eigen::Vector3d& centre, double radius,
-              const Eigen::Vector3f& color) {
-  constexpr int kRings = 9;
-  std::array<Eigen::Vector2d, kRings> rings;
-  for (int r = 0; r < kRings; ++r) {
-    const double a = M_PI * (r + 0.001) / (kRings - 0.998);
-    rings[r] = {0.5 - 0.5 * std::cos(a), radius * std::sin(a)};
-  }
-  const Eigen::Vector3d half(0, radius, 0);
-  add_lathe(s, centre - half, centre + half, rings, color);
-}
-
-/// Thick near its joint, tapering to the next: the eye sees which way a bone points.
-void add_bone(Surface& s, const Eigen::Vector3d& from, const Eigen::Vector3d& to, double radius,
-              double end_radius, const Eigen::Vector3f& color) {
-  const std::array<Eigen::Vector2d, 6> rings = {
-      Eigen::Vector2d(0.0, 0.55 * radius), Eigen::Vector2d(0.06, 0.85 * radius),
-      Eigen::Vector2d(0.18, radius),       Eigen::Vector2d(0.5, 0.6 * radius + 0.4 * end_radius),
-      Eigen::Vector2d(0.94, end_radius),   Eigen::Vector2d(1.0, 0.5 * end_radius)};
-  add_lathe(s, from, to, rings, color);
 }
 
 /// Normals of a mesh without any: area-weighted over all triangles that meet in one place, so that
@@ -94,7 +41,42 @@ std::vector<Eigen::Vector3f> smooth_normals(const Mesh& mesh) {
   return normals;
 }
 
-bool greyish(const Eigen::Vector3f& c) { return c.maxCoeff() - c.minCoeff() < 0.12F; }
+/// A figure of one or two colours, as mannequins are: it may be coloured by side.
+bool is_plain(const Character& character) {
+  for (const Material& material : character.materials) {
+    if (material.base_color_texture >= 0) return false;
+  }
+  return character.materials.size() <= 2;
+}
+
+/// How near a vertex is to a tinted joint that moves it: 1 at the joint, 0 from the radius on.
+struct Patch {
+  std::int32_t joint, parent;
+  Eigen::Vector3f centre;
+  float radius;
+};
+
+std::vector<Patch> patches_of(const Character& character, std::span<const std::uint8_t> tinted) {
+  const std::vector<DualQuaternion> rest = rest_model(character);
+  double size = 0.0;
+  for (const DualQuaternion& q : rest) {
+    size = std::max(size, (q.translation() - rest[0].translation()).norm());
+  }
+  std::vector<Patch> patches;
+  for (std::int32_t j = 0; j < character.skeleton.size(); ++j) {
+    if (!tinted[j]) continue;
+    double shortest = 0.12 * size;
+    for (std::int32_t k = 0; k < character.skeleton.size(); ++k) {
+      const std::int32_t parent = character.skeleton.parents[k];
+      if (parent == kNoJoint || (k != j && parent != j)) continue;
+      const double length = (rest[k].translation() - rest[parent].translation()).norm();
+      if (length > 0.01 * size) shortest = std::min(shortest, length);
+    }
+    patches.push_back({j, character.skeleton.parents[j], rest[j].translation().cast<float>(),
+                       static_cast<float>(0.6 * shortest)});
+  }
+  return patches;
+}
 
 }  // namespace
 
@@ -136,8 +118,7 @@ FigureModel::FigureModel(const Character& character, std::span<const std::int32_
   }
 }
 
-void FigureModel::add_meshes(std::span<const std::uint8_t> tinted) {
-  const SideColors sides;
+void FigureModel::load_textures() {
   textures_.resize(character_.textures.size());
   for (const Material& material : character_.materials) {
     const std::int32_t t = material.base_color_texture;
@@ -147,113 +128,58 @@ void FigureModel::add_meshes(std::span<const std::uint8_t> tinted) {
       textures_[t] = std::make_unique<TexturePyramid>(pyramid_of(std::move(*image)));
     }
   }
+}
+
+void FigureModel::add_meshes(Tinted tinted) {
+  load_textures();
+  const bool plain = is_plain(character_);
   for (const Mesh& mesh : character_.meshes) {
     Material material;
     if (mesh.material >= 0 &&
         mesh.material < static_cast<std::int32_t>(character_.materials.size())) {
       material = character_.materials[mesh.material];
     }
-    if (material.base_color.w() < 0.05F) continue;  // invisible
-    Surface surface;
-    const std::int32_t t = material.base_color_texture;
-    if (t >= 0 && mesh.uvs.size() == mesh.positions.size()) surface.texture = textures_[t].get();
-    const bool by_side = surface.texture == nullptr && greyish(material.base_color.head<3>());
-    surface.uvs = mesh.uvs;
-    surface.triangles = mesh.triangles;
-    surface.positions.resize(mesh.positions.size());
-    for (std::size_t v = 0; v < mesh.positions.size(); ++v) {
-      Eigen::Vector3f color = material.base_color.head<3>(), side_color = Eigen::Vector3f::Zero();
-      float tint = 0.0F;
-      for (std::uint32_t i = mesh.influence_begin[v]; i < mesh.influence_begin[v + 1]; ++i) {
-        const Influence& influence = mesh.influences[i];
-        const std::int32_t joint = mesh.skin[influence.skin_joint].joint;
-        side_color += influence.weight * sides.of(plan_, joint);
-        tint += influence.weight * static_cast<float>(tinted[joint]);
+    if (material.base_color.w() >= 0.05F) add_part(mesh, material, plain, tinted);
+  }
+}
+
+void FigureModel::add_part(const Mesh& mesh, const Material& material, bool plain, Tinted tinted) {
+  const SideColors sides;
+  const std::vector<Patch> patches = patches_of(character_, tinted);
+  std::vector<Eigen::Vector3f> at_rest(mesh.positions.size());
+  if (!patches.empty()) skin_positions(mesh, rest_model(character_), at_rest);
+  const Eigen::Vector3f own = material.base_color.head<3>();
+  Surface surface;
+  const std::int32_t t = material.base_color_texture;
+  if (t >= 0 && mesh.uvs.size() == mesh.positions.size()) surface.texture = textures_[t].get();
+  surface.uvs = mesh.uvs;
+  surface.triangles = mesh.triangles;
+  surface.positions.resize(mesh.positions.size());
+  surface.normals.resize(mesh.positions.size());
+  for (std::size_t v = 0; v < mesh.positions.size(); ++v) {
+    Eigen::Vector3f color = Eigen::Vector3f::Zero();
+    float tint = 0.0F;
+    for (std::uint32_t i = mesh.influence_begin[v]; i < mesh.influence_begin[v + 1]; ++i) {
+      const float weight = mesh.influences[i].weight;
+      const std::int32_t joint = mesh.skin[mesh.influences[i].skin_joint].joint;
+      const Eigen::Vector3f& side = sides.of(plan_, joint);
+      const bool coloured = plain && &side != &sides.centre;
+      color += weight * (coloured ? Eigen::Vector3f(0.3F * own + 0.7F * side) : own);
+      for (const Patch& patch : patches) {
+        if (joint != patch.joint && joint != patch.parent) continue;
+        tint = std::max(tint, 1.0F - (at_rest[v] - patch.centre).norm() / patch.radius);
       }
-      if (by_side) color = 0.15F * color + 0.85F * side_color;
-      surface.colors.push_back(color + 0.45F * tint * (sides.tint - color));
     }
-    SkinnedPart part;
-    part.mesh = &mesh;
-    part.along_normals = mesh;
-    const std::vector<Eigen::Vector3f> normals =
-        mesh.normals.size() == mesh.positions.size() ? mesh.normals : smooth_normals(mesh);
-    for (std::size_t v = 0; v < normals.size(); ++v) part.along_normals.positions[v] += normals[v];
-    surface.normals.resize(mesh.positions.size());
-    parts_.push_back(std::move(part));
-    surfaces_.push_back(std::move(surface));
+    surface.colors.push_back(color + std::min(1.0F, 1.6F * tint) * (sides.tint - color));
   }
-}
-
-void FigureModel::add_bones(std::span<const std::uint8_t> tinted) {
-  const Skeleton& skeleton = character_.skeleton;
-  const SideColors colors;
-  const auto children = children_of(skeleton);
-  std::vector<std::uint8_t> in_body(skeleton.parents.size(), 0);
-  std::vector<double> length(skeleton.parents.size(), 0.0);
-  double longest = 0.0;
-  for (std::int32_t i = 0; i < skeleton.size(); ++i) {
-    const std::int32_t parent = skeleton.parents[i];
-    // Joints above the pelvis only place the figure in the world.
-    in_body[i] = i == plan_.pelvis || plan_.hand_only || (parent != kNoJoint && in_body[parent]);
-    if (!in_body[i] || parent == kNoJoint || !in_body[parent]) continue;
-    length[i] = skeleton.rest_parent_from_joint[i].translation().norm();
-    longest = std::max(longest, length[i]);
-  }
-  const auto look = [&](Bone& bone, std::int32_t joint, std::int32_t side_of) {
-    bone.color = colors.of(plan_, side_of);
-    bone.joint_color = tinted[joint] ? colors.tint : Eigen::Vector3f(0.8F * bone.color);
-  };
-  for (std::int32_t i = 0; i < skeleton.size(); ++i) {
-    if (!in_body[i]) continue;
-    for (const std::int32_t child : children[i]) {
-      Bone bone;
-      bone.from = i;
-      bone.to = child;
-      const bool trunk = plan_.sides[child] == BodySide::centre && !plan_.hand_only;
-      const double thinnest = (trunk ? 0.05 : 0.02) * longest;
-      bone.radius = std::clamp(0.13 * length[child], thinnest, 0.10 * longest);
-      bone.end_radius = 0.5 * bone.radius;
-      look(bone, i, plan_.sides[i] == BodySide::centre ? child : i);
-      bone.joint_color = tinted[i] ? colors.tint : Eigen::Vector3f(0.8F * colors.of(plan_, i));
-      bones_.push_back(bone);
-    }
-    const bool is_head = i == plan_.head;
-    if (!is_head && (!children[i].empty() || length[i] < 0.12 * longest)) continue;
-    // The head's ball; hands and feet that end in a joint get a stub, going on the same way.
-    Bone stub;
-    stub.from = i;
-    const Eigen::Quaterniond turn = skeleton.rest_parent_from_joint[i].rotation().conjugate();
-    Eigen::Vector3d way = turn * skeleton.rest_parent_from_joint[i].translation();
-    if (is_head && !children[i].empty()) {
-      way = skeleton.rest_parent_from_joint[children[i][0]].translation();
-    }
-    if (way.norm() < 1e-6) way = Eigen::Vector3d(0, 1, 0);
-    stub.ball = is_head;
-    stub.radius = is_head ? 0.26 * longest : 0.06 * longest;
-    stub.end_radius = 0.6 * stub.radius;
-    stub.along = way.normalized() * (is_head ? 0.9 * stub.radius : 0.3 * longest);
-    look(stub, i, i);
-    bones_.push_back(stub);
-  }
-  surfaces_.resize(1);
-}
-
-void FigureModel::pose_bones(std::span<const DualQuaternion> model_from_joint) {
-  Surface& s = surfaces_[0];
-  s = {};
-  for (const Bone& bone : bones_) {
-    const Eigen::Vector3d from = model_from_joint[bone.from].translation();
-    const Eigen::Vector3d to = bone.to == kNoJoint
-                                   ? model_from_joint[bone.from].transform_point(bone.along)
-                                   : model_from_joint[bone.to].translation();
-    if (bone.ball) {
-      add_ball(s, to, bone.radius, bone.color);
-    } else {
-      add_bone(s, from, to, bone.radius, bone.end_radius, bone.color);
-      add_ball(s, from, 0.8 * bone.radius, bone.joint_color);
-    }
-  }
+  SkinnedPart part;
+  part.mesh = &mesh;
+  part.along_normals = mesh;
+  const std::vector<Eigen::Vector3f> normals =
+      mesh.normals.size() == mesh.positions.size() ? mesh.normals : smooth_normals(mesh);
+  for (std::size_t v = 0; v < normals.size(); ++v) part.along_normals.positions[v] += normals[v];
+  parts_.push_back(std::move(part));
+  surfaces_.push_back(std::move(surface));
 }
 
 std::span<const Surface> FigureModel::pose(std::span<const DualQuaternion> model_from_joint,

@@ -23,9 +23,13 @@ struct BodyPlan {
   std::int32_t pelvis = 0;  ///< the joint that a camera follows
   std::int32_t head = kNoJoint;
   bool hand_only = false;            ///< a hand without a body
+  bool stands = false;               ///< a body that has a floor under it, no hand, arm or tool
   std::vector<std::int8_t> fingers;  ///< [joint] 0 thumb ... 4 little; -1: none
 };
 BodyPlan plan_of(const Character&);
+
+/// model_from_joint at binding, else at rest.
+std::vector<DualQuaternion> rest_model(const Character&);
 
 /// The chain's first joint beyond the palm (a proximal phalanx, where names tell); kNoJoint if the
 /// hand lacks that finger.
@@ -64,8 +68,13 @@ class FigureModel {
 
  private:
   struct SkinnedPart;
-  void add_meshes(std::span<const std::uint8_t> tinted);
-  void add_bones(std::span<const std::uint8_t> tinted);
+  using Tinted = std::span<const std::uint8_t>;  // [joint] 1: on a limit somewhere
+  void load_textures();
+  void add_meshes(Tinted);
+  void add_part(const Mesh&, const Material&, bool plain, Tinted);
+  void add_bones(Tinted);
+  void add_bones_of(std::int32_t joint, std::span<const std::int32_t> children, double longest,
+                    Tinted);
   void pose_bones(std::span<const DualQuaternion> model_from_joint);
 
   struct Bone {
@@ -78,6 +87,7 @@ class FigureModel {
 
   const Character& character_;
   BodyPlan plan_;
+  std::vector<std::uint8_t> in_body_;  // [joint] drawn as a bone
   std::vector<Bone> bones_;
   std::vector<SkinnedPart> parts_;
   std::vector<std::unique_ptr<TexturePyramid>> textures_;  // [texture], null: unreadable

@@ -28,7 +28,7 @@ void draw_scene(Canvas&, const Box& cell, const CellScene&);
 void draw_marks(Canvas&, const Box& cell, const Camera&, std::span<const EffectorMark>);
 
 /// Title, verdict, key figures, legend (of sides, or of a hand's fingers).
-void draw_head(Canvas&, const Box&, const ContactSheet&, bool hand);
+void draw_head(Canvas&, const Box&, const ContactSheet&, const BodyPlan&);
 
 /// Error and contacts along time, with the drawn frames ticked.
 void draw_strips(Canvas&, const Box&, const ContactSheet&, std::span<const std::int64_t> frames);

@@ -124,7 +124,7 @@ std::vector<std::int64_t> choose_frames(const ContactSheet& sheet, const BodyPla
   if (!chosen.empty()) return {chosen.begin(), chosen.end()};
   chosen.insert(0);
   chosen.insert(frames - 1);
-  const std::int64_t spacing = std::max<std::int64_t>(1, frames / (2 * std::int64_t(count)));
+  const std::int64_t spacing = std::max<std::int64_t>(1, 2 * frames / (3 * std::int64_t(count)));
   if (!sheet.error_mm.empty()) {
     const auto worst = std::max_element(sheet.error_mm.begin(), sheet.error_mm.end());
     const std::int64_t at = worst - sheet.error_mm.begin();
@@ -165,6 +165,7 @@ ViewDirection front_view(const Skeleton& skeleton, const BodyPlan& plan,
     view.ground = false;
     return view;
   }
+  view.ground = plan.stands;
   const Eigen::Vector3d forward = facing_of(plan, model);
   const Eigen::Vector3d level = turned_about(kUp, 35.0 * M_PI / 180.0, forward);
   const double rise = 14.0 * M_PI / 180.0;
@@ -182,6 +183,7 @@ ViewDirection side_view(const Skeleton& skeleton, const BodyPlan& plan,
     view.ground = false;
     return view;
   }
+  view.ground = plan.stands;
   const Eigen::Vector3d level = turned_about(kUp, M_PI_2, facing_of(plan, model));
   const double rise = 7.0 * M_PI / 180.0;
   view.towards_eye = std::cos(rise) * level + std::sin(rise) * kUp;
@@ -201,7 +203,7 @@ void RowCamera::include(std::span<const Eigen::Vector3d> points, const Eigen::Ve
 }
 
 std::int32_t RowCamera::fit() {
-  if (view_.ground) points_.push_back(Eigen::Vector3d::Zero());  // the floor under the figure
+  if (view_.ground || points_.empty()) points_.push_back(Eigen::Vector3d::Zero());  // the floor
   Eigen::Vector3d low = points_.front(), high = low;
   for (const Eigen::Vector3d& p : points_) {
     low = low.cwiseMin(p);

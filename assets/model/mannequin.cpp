@@ -21,8 +21,8 @@ bool contains(const std::string& text, const char* part) {
 }
 
 bool is_trunk(const std::string& role) {
-  static const std::array<const char*, 8> kTrunk = {"hips", "spine", "chest",        "upperChest",
-                                                    "neck", "head",  "leftShoulder", "rightShoulder"};
+  static const std::array<const char*, 8> kTrunk = {
+      "hips", "spine", "chest", "upperChest", "neck", "head", "leftShoulder", "rightShoulder"};
   return std::find(kTrunk.begin(), kTrunk.end(), role) != kTrunk.end();
 }
 
@@ -76,8 +76,8 @@ struct Part {
   std::vector<std::int32_t> joints;
 
   void add(const Capsule& c, std::int32_t joint, const DualQuaternion& model_from_joint) {
-    capsules.push_back(
-        {model_from_joint.transform_point(c.from), model_from_joint.transform_point(c.to), c.radius});
+    capsules.push_back({model_from_joint.transform_point(c.from),
+                        model_from_joint.transform_point(c.to), c.radius});
     joints.push_back(joint);
   }
   double thinnest() const {
@@ -327,6 +327,16 @@ Mesh make_mesh(const Rig& rig, const char* name, std::int32_t material,
   return mesh;
 }
 
+/// Diagonal of the joints' bounding box.
+double extent(std::span<const DualQuaternion> model_from_joint) {
+  Vector3d low = Vector3d::Constant(1e9), high = -low;
+  for (const DualQuaternion& joint : model_from_joint) {
+    low = low.cwiseMin(joint.translation());
+    high = high.cwiseMax(joint.translation());
+  }
+  return (high - low).norm();
+}
+
 void add_materials(Character& character) {
   character.materials.push_back({"body", {0.78F, 0.62F, 0.45F, 1.0F}, -1, false});
   character.materials.push_back({"joints", {0.23F, 0.16F, 0.12F, 1.0F}, -1, false});
@@ -341,19 +351,19 @@ Character mannequin(const Rig& rig) {
   character.deforming.assign(rig.joints.size(), 1);
   for (const RigJoint& joint : rig.joints) character.roles.push_back(joint.role);
   std::vector<DualQuaternion> model_from_joint(rig.joints.size());
-  model_from_local(character.skeleton, character.skeleton.rest_parent_from_joint,
-                   model_from_joint);
+  model_from_local(character.skeleton, character.skeleton.rest_parent_from_joint, model_from_joint);
   character.bind_model_from_joint = model_from_joint;
   add_materials(character);
 
   Mesh body = make_mesh(rig, "body", kBodyMaterial, model_from_joint);
   Mesh balls = make_mesh(rig, "joints", kJointMaterial, model_from_joint);
   const std::vector<std::vector<Capsule>> capsules = capsules_of(rig);
+  const double finest = std::max(0.0045, 0.005 * extent(model_from_joint));
   for (const Part& part : parts_of(rig, capsules, model_from_joint)) {
     const double thinnest = part.thinnest();
     const bool trunk = is_trunk(rig.joints[part.joints[0]].role);
     add_part(body, part, (trunk ? 1.2 : 0.6) * thinnest,
-             std::clamp((trunk ? 0.6 : 0.85) * thinnest, 0.008, 0.032));
+             std::clamp((trunk ? 0.6 : 0.85) * thinnest, finest, 0.032));
   }
   for (std::int32_t i = 0; i < rig.size(); ++i) {
     const double radius = ball_radius(rig, capsules, i);

@@ -20,7 +20,9 @@ const json& anatomy() {
   return d;
 }
 
-Vector3d vector(const json& v) { return {v[0], v[1], v[2]}; }
+Vector3d vector(const json& v) {
+  return {v[0].get<double>(), v[1].get<double>(), v[2].get<double>()};
+}
 
 void expect_well_formed(const std::string& name, const json& limit, const char* ranges_key) {
   const json& axes = limit["axes"];
@@ -33,7 +35,9 @@ void expect_well_formed(const std::string& name, const json& limit, const char* 
     EXPECT_LT(limit[ranges_key][k][0], 0.0) << name;  // the T-pose lies inside
     EXPECT_GT(limit[ranges_key][k][1], 0.0) << name;
   }
-  if (count > 1) EXPECT_NEAR(vector(axes[0]).dot(vector(axes[1])), 0.0, 1e-9) << name;
+  if (count > 1) {
+    EXPECT_NEAR(vector(axes[0]).dot(vector(axes[1])), 0.0, 1e-9) << name;
+  }
   if (count > 2) {
     EXPECT_NEAR(vector(axes[0]).cross(vector(axes[1])).dot(vector(axes[2])), 1.0, 1e-9) << name;
   }

@@ -82,7 +82,7 @@ TEST(Rigs, EveryMovingJointIsLimitedAndHasAVolume) {
 
 TEST(Rigs, RightIsTheMirrorImageOfLeft) {
   const Vector3d point(-1, 1, 1), axis(1, -1, -1);  // of points, and of axes of rotation
-  for (const std::string& name : {"biped", "biped-full", "biped-hands"}) {
+  for (const std::string name : {"biped", "biped-full", "biped-hands"}) {
     const Rig r = rig(name);
     for (const RigJoint& left : r.joints) {
       if (!left.name.starts_with("left")) continue;
@@ -107,7 +107,7 @@ TEST(Rigs, RightIsTheMirrorImageOfLeft) {
 }
 
 TEST(Rigs, StandInTPoseWithSolesOnTheFloor) {
-  for (const std::string& name : {"biped", "biped-foot-root", "biped-full", "biped-hands"}) {
+  for (const std::string name : {"biped", "biped-foot-root", "biped-full", "biped-hands"}) {
     const Rig r = rig(name);
     const auto model = model_at(r, std::vector<double>(dof_count(r), 0.0));
     double lowest = 1.0, highest = 0.0;

@@ -46,9 +46,8 @@ void expect_three_agrees(const Character& character, const Clip& clip) {
   write_file(folder / "out.glb", *glb);
   const GltfDocument& document = character.document;
   const double metre = character.has_document ? document.unit_m : 1.0;
-  const Eigen::Quaterniond turn = character.has_document
-                                      ? document.canonical_from_file.conjugate()
-                                      : Eigen::Quaterniond::Identity();
+  const Eigen::Quaterniond turn = character.has_document ? document.canonical_from_file.conjugate()
+                                                         : Eigen::Quaterniond::Identity();
   nlohmann::json expected;
   double size = 1.0;  // float32 resolves a figure of many metres less finely
   std::vector<DualQuaternion> model(character.skeleton.parents.size());
@@ -73,8 +72,8 @@ void expect_three_agrees(const Character& character, const Clip& clip) {
 }
 
 Character mannequin_of(const char* rig_name) {
-  const auto rig = read_rig_json(
-      read_text(fs::path(LIMBER_SOURCE_DIR) / "assets/data/rigs" / (std::string(rig_name) + ".json")));
+  const auto rig = read_rig_json(read_text(fs::path(LIMBER_SOURCE_DIR) / "assets/data/rigs" /
+                                           (std::string(rig_name) + ".json")));
   EXPECT_TRUE(rig.ok());
   return rig ? mannequin(*rig) : Character{};
 }

@@ -14,8 +14,8 @@ namespace {
 
 std::vector<Rig> shipped_rigs() {
   std::vector<Rig> rigs;
-  for (const char* name : {"hand", "biped", "biped-foot-root", "biped-full", "biped-hands", "arm2",
-                           "arm3"}) {
+  for (const char* name :
+       {"hand", "biped", "biped-foot-root", "biped-full", "biped-hands", "arm2", "arm3"}) {
     auto rig = read_rig_json(read_text(std::filesystem::path(LIMBER_SOURCE_DIR) /
                                        "assets/data/rigs" / (std::string(name) + ".json")));
     EXPECT_TRUE(rig.ok()) << name;

@@ -1,9 +1,10 @@
 // A rig written as ikrig/1 and read back is the rig.
 
+#include "importers/rig_json.h"
+
 #include <gtest/gtest.h>
 
 #include "exporters/exporter.h"
-#include "importers/rig_json.h"
 #include "tests/exporters/support.h"
 
 namespace limber::test {

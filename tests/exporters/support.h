@@ -156,10 +156,10 @@ inline Difference compare(const Skeleton& a, const Clip& clip_a, const Skeleton&
       const std::int32_t k = b.find(a.names[j]);
       if (k == kNoJoint) continue;
       ++worst.joints;
-      worst.metres = std::max(worst.metres,
-                              (model_a[j].translation() - model_b[k].translation()).norm());
-      worst.radians = std::max(
-          worst.radians, rotation_angle(model_a[j].rotation(), model_b[k].rotation()));
+      worst.metres =
+          std::max(worst.metres, (model_a[j].translation() - model_b[k].translation()).norm());
+      worst.radians =
+          std::max(worst.radians, rotation_angle(model_a[j].rotation(), model_b[k].rotation()));
     }
   }
   return worst;

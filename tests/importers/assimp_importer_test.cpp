@@ -32,8 +32,8 @@ struct FbxNode {
   Vector3d translation = Vector3d::Zero(), rotation_deg = Vector3d::Zero();
   Vector3d pre_deg = Vector3d::Zero(), post_deg = Vector3d::Zero();
   Vector3d rotation_pivot = Vector3d::Zero(), rotation_offset = Vector3d::Zero();
-  Vector3d turn_deg_per_key = Vector3d::Zero();   ///< animated rotation
-  Vector3d slide_per_key = Vector3d::Zero();      ///< animated translation
+  Vector3d turn_deg_per_key = Vector3d::Zero();  ///< animated rotation
+  Vector3d slide_per_key = Vector3d::Zero();     ///< animated translation
 };
 
 struct FbxFile {
@@ -69,9 +69,10 @@ std::string to_fbx(const FbxFile& file) {
   for (std::size_t n = 0; n < file.nodes.size(); ++n) {
     const FbxNode& node = file.nodes[n];
     const int model = 1000 + static_cast<int>(n);
-    out += fmt::format("Model: {}, \"Model::{}\", \"LimbNode\" {{\nVersion: 232\n"
-                       "Properties70: {{\nP: \"RotationActive\", \"bool\", \"\", \"\",1\n",
-                       model, node.name);
+    out += fmt::format(
+        "Model: {}, \"Model::{}\", \"LimbNode\" {{\nVersion: 232\n"
+        "Properties70: {{\nP: \"RotationActive\", \"bool\", \"\", \"\",1\n",
+        model, node.name);
     out += vector_property("RotationOffset", node.rotation_offset);
     out += vector_property("RotationPivot", node.rotation_pivot);
     out += vector_property("PreRotation", node.pre_deg);
@@ -97,21 +98,23 @@ std::string to_fbx(const FbxFile& file) {
           values += fmt::format("{}{}", comma, start[k] + key * rate[k]);
         }
         const int curve = id++;
-        out += fmt::format("AnimationCurve: {}, \"AnimCurve::\", \"\" {{\nDefault: 0\n"
-                           "KeyVer: 4008\nKeyTime: *{} {{\na: {}\n}}\n"
-                           "KeyValueFloat: *{} {{\na: {}\n}}\n}}\n",
-                           curve, file.keys, times, file.keys, values);
+        out += fmt::format(
+            "AnimationCurve: {}, \"AnimCurve::\", \"\" {{\nDefault: 0\n"
+            "KeyVer: 4008\nKeyTime: *{} {{\na: {}\n}}\n"
+            "KeyValueFloat: *{} {{\na: {}\n}}\n}}\n",
+            curve, file.keys, times, file.keys, values);
         connect_property(curve, curve_node, std::string("d|") + "XYZ"[k]);
       }
     }
   }
   if (file.keys > 0) {
     const long long stop = (file.keys - 1) * kTicksPerSecond / 30;
-    out += fmt::format("AnimationStack: {}, \"AnimStack::Take 001\", \"\" {{\nProperties70: {{\n"
-                       "P: \"LocalStart\", \"KTime\", \"Time\", \"\",0\n"
-                       "P: \"LocalStop\", \"KTime\", \"Time\", \"\",{}\n}}\n}}\n"
-                       "AnimationLayer: {}, \"AnimLayer::Base\", \"\" {{\n}}\n",
-                       stack, stop, layer);
+    out += fmt::format(
+        "AnimationStack: {}, \"AnimStack::Take 001\", \"\" {{\nProperties70: {{\n"
+        "P: \"LocalStart\", \"KTime\", \"Time\", \"\",0\n"
+        "P: \"LocalStop\", \"KTime\", \"Time\", \"\",{}\n}}\n}}\n"
+        "AnimationLayer: {}, \"AnimLayer::Base\", \"\" {{\n}}\n",
+        stack, stop, layer);
     connect(layer, stack);
   }
   return out + "}\n" + links + "}\n";
@@ -136,20 +139,34 @@ FbxFile arm_with_pivots() {
   FbxFile file;
   file.keys = 5;
   file.nodes.push_back({.name = "hips", .translation = {0, 100, 0}, .slide_per_key = {1, 0, 2}});
-  file.nodes.push_back({.name = "spine", .parent = 0, .translation = {0, 20, 1},
-                        .rotation_deg = {5, 10, 15}, .pre_deg = {30, -20, 10},
+  file.nodes.push_back({.name = "spine",
+                        .parent = 0,
+                        .translation = {0, 20, 1},
+                        .rotation_deg = {5, 10, 15},
+                        .pre_deg = {30, -20, 10},
                         .turn_deg_per_key = {2, -3, 4}});
-  file.nodes.push_back({.name = "post", .parent = 1, .translation = {0, 30, 0},
-                        .rotation_deg = {0, 20, 0}, .pre_deg = {10, 20, 30},
-                        .post_deg = {0, 40, 10}, .turn_deg_per_key = {0, 5, 1}});
-  file.nodes.push_back({.name = "pivoted", .parent = 2, .translation = {15, 0, 0},
-                        .rotation_deg = {0, 0, 10}, .pre_deg = {0, 15, 0},
-                        .rotation_pivot = {2, 3, -1}, .rotation_offset = {0.5, 0, 1},
+  file.nodes.push_back({.name = "post",
+                        .parent = 1,
+                        .translation = {0, 30, 0},
+                        .rotation_deg = {0, 20, 0},
+                        .pre_deg = {10, 20, 30},
+                        .post_deg = {0, 40, 10},
+                        .turn_deg_per_key = {0, 5, 1}});
+  file.nodes.push_back({.name = "pivoted",
+                        .parent = 2,
+                        .translation = {15, 0, 0},
+                        .rotation_deg = {0, 0, 10},
+                        .pre_deg = {0, 15, 0},
+                        .rotation_pivot = {2, 3, -1},
+                        .rotation_offset = {0.5, 0, 1},
                         .turn_deg_per_key = {3, 0, 6}});
-  file.nodes.push_back({.name = "still", .parent = 3, .translation = {12, 0, 0},
-                        .pre_deg = {0, 0, 45}, .rotation_pivot = {1, 0, 0}});
-  file.nodes.push_back({.name = "tip", .parent = 4, .translation = {8, 1, 0},
-                        .turn_deg_per_key = {1, 1, 1}});
+  file.nodes.push_back({.name = "still",
+                        .parent = 3,
+                        .translation = {12, 0, 0},
+                        .pre_deg = {0, 0, 45},
+                        .rotation_pivot = {1, 0, 0}});
+  file.nodes.push_back(
+      {.name = "tip", .parent = 4, .translation = {8, 1, 0}, .turn_deg_per_key = {1, 1, 1}});
   return file;
 }
 
@@ -171,7 +188,8 @@ void expect_fbx_motion(const FbxFile& file, const Imported& imported, double uni
       const std::int32_t j = skeleton.find(file.nodes[n].name);
       ASSERT_NE(j, kNoJoint) << file.nodes[n].name;
       const Vector3d place = turn * (unit_m * expected[n].translation());
-      EXPECT_LT((model[j].translation() - place).norm(), 2e-6) << file.nodes[n].name << key;
+      EXPECT_LT((model[j].translation() - place).norm(), 2e-4 * unit_m)
+          << file.nodes[n].name << key;
       EXPECT_LT(rotation_angle<double>(model[j].rotation(), turn * expected[n].rotation()), 3e-6)
           << file.nodes[n].name << " at key " << key;
     }
@@ -341,8 +359,10 @@ TEST(Assimp, FilesAreReadThroughTheResolverAlone) {
     return Error{"uri-refused", "no"};
   };
   const char* gltf = R"({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
-    "nodes": [{"name": "a"}], "buffers": [{"uri": "/etc/hostname", "byteLength": 4}],
-    "bufferViews": [{"buffer": 0, "byteLength": 4}]})";
+    "nodes": [{"name": "a", "mesh": 0}], "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+    "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+    "buffers": [{"uri": "/etc/hostname", "byteLength": 36}],
+    "bufferViews": [{"buffer": 0, "byteLength": 36}]})";
   const auto imported = import_with_assimp(bytes_of(gltf), "gltf", resolver, {});
   EXPECT_FALSE(imported.ok());
   ASSERT_FALSE(asked.empty());
@@ -383,8 +403,9 @@ std::pair<double, int> difference(const Imported& a, const Imported& b) {
 
 TEST(Assimp, SharedGlbClipsAgreeWithTheExactReader) {
   LIMBER_NEEDS_SHARED(data);
-  for (const char* name : {"mocap_other/viverse_idle_53j.glb", "mocap_other/viverse_roll_fingers.glb",
-                           "mocap_other/viverse_walk_53j.glb"}) {
+  for (const char* name :
+       {"mocap_other/viverse_idle_53j.glb", "mocap_other/viverse_roll_fingers.glb",
+        "mocap_other/viverse_walk_53j.glb"}) {
     SCOPED_TRACE(name);
     ImportOptions with_assimp;
     with_assimp.reader = ReaderChoice::assimp;
@@ -401,8 +422,8 @@ TEST(Assimp, SharedGlbClipsAgreeWithTheExactReader) {
 
 TEST(Assimp, SharedFiguresStandUprightAtHumanSize) {
   LIMBER_NEEDS_SHARED(data);
-  for (const char* name : {"ozz_arnaud.fbx", "quaternius_male_casual.fbx", "genea_tpose_fingers.fbx",
-                           "gazebo_walk.dae"}) {
+  for (const char* name : {"ozz_arnaud.fbx", "quaternius_male_casual.fbx",
+                           "genea_tpose_fingers.fbx", "gazebo_walk.dae"}) {
     SCOPED_TRACE(name);
     const auto imported = import_file(*data / "characters" / name);
     ASSERT_TRUE(imported.ok()) << imported.error().message;

@@ -49,7 +49,7 @@ class Maker {
     const std::string text = doc.dump();
     const UriResolver resolver = [&](std::string_view uri) -> Result<std::vector<std::byte>> {
       if (uri == "data.bin") return buffer_;
-      return Error{.code = "uri-missing"};
+      return Error{.code = "uri-missing", .message = std::string(uri)};
     };
     return import_bytes(bytes_of(text), "gltf", resolver, options);
   }
@@ -443,6 +443,57 @@ TEST(GltfDocument, IsKeptVerbatim) {
   ASSERT_EQ(c.document.buffers.size(), 1u);
   EXPECT_EQ(c.document.buffers[0].size(), maker.doc["buffers"][0]["byteLength"].get<std::size_t>());
   EXPECT_FALSE(c.document.binary_chunk);
+}
+
+// ---- the GLB container
+
+/// Header, JSON chunk (padded with spaces), BIN chunk.
+std::string glb(std::string text, std::string bin) {
+  while (text.size() % 4 != 0) text += ' ';
+  while (bin.size() % 4 != 0) bin += '\0';
+  const auto word = [](std::size_t v) {
+    std::string bytes;
+    for (int k = 0; k < 4; ++k) bytes += static_cast<char>(v >> (8 * k) & 0xFF);
+    return bytes;
+  };
+  const std::string chunks =
+      word(text.size()) + "JSON" + text + word(bin.size()) + std::string("BIN\0", 4) + bin;
+  return "glTF" + word(2) + word(12 + chunks.size()) + chunks;
+}
+
+const char* const kGlbJson =
+    R"({"asset":{"version":"2.0"},"buffers":[{"byteLength":6}],"nodes":[{"name":"a"}]})";
+
+TEST(GltfContainer, KeepsTheBinaryChunk) {
+  const auto imported = import_text(glb(kGlbJson, "abcdef"), "glb");
+  ASSERT_TRUE(imported) << imported.error().message;
+  const GltfDocument& document = imported->character.document;
+  EXPECT_TRUE(document.binary_chunk);
+  ASSERT_EQ(document.buffers.size(), 1u);
+  EXPECT_EQ(document.buffers[0].size(), 8u);  // padding included, as in the file
+  EXPECT_EQ(document.buffers[0][5], std::byte{'f'});
+  EXPECT_EQ(document.json.find(kGlbJson), 0u);
+}
+
+TEST(GltfContainer, EveryCutIsRefused) {
+  const std::string whole = glb(kGlbJson, "abcdef");
+  for (std::size_t size = 1; size < whole.size(); ++size) {
+    const auto imported = import_text(whole.substr(0, size), "glb");
+    ASSERT_FALSE(imported) << size;
+    EXPECT_NE(imported.error().code, "import-internal");
+  }
+}
+
+TEST(GltfContainer, TrailingBytesAreIgnoredWithAWarning) {
+  const auto imported = import_text(glb(kGlbJson, "abcdef") + "xyz", "glb");
+  ASSERT_TRUE(imported);
+  EXPECT_TRUE(has_warning(*imported, "gltf-extra-bytes"));
+}
+
+TEST(GltfContainer, BinaryShorterThanItsBufferIsRefused) {
+  const auto imported = import_text(glb(kGlbJson, "abcd"), "glb");
+  ASSERT_FALSE(imported);
+  EXPECT_EQ(imported.error().code, "gltf-buffer");
 }
 
 // ---- damage

@@ -75,12 +75,10 @@ TEST(DualQuaternion, ConjugatesAndTheSandwichMovePoints) {
     EXPECT_LT(distance(q * q.conjugate(), DualQuaternion::identity()), 1e-13);
     const DualQuaternion b = random.motion();
     EXPECT_LT(coefficients_apart((q * b).conjugate(), b.conjugate() * q.conjugate()), 1e-13);
-    EXPECT_LT(
-        coefficients_apart((q * b).dual_conjugate(), q.dual_conjugate() * b.dual_conjugate()),
-        1e-13);
-    EXPECT_LT(
-        coefficients_apart((q * b).full_conjugate(), b.full_conjugate() * q.full_conjugate()),
-        1e-13);
+    EXPECT_LT(coefficients_apart((q * b).dual_conjugate(), q.dual_conjugate() * b.dual_conjugate()),
+              1e-13);
+    EXPECT_LT(coefficients_apart((q * b).full_conjugate(), b.full_conjugate() * q.full_conjugate()),
+              1e-13);
     const Vector3d p = random.vector();
     DualQuaternion point;  // 1 + eps p
     point.dual = Quaterniond(0, p.x(), p.y(), p.z());
@@ -173,8 +171,7 @@ TEST(DualQuaternion, LinesMoveWithTheirPoints) {
     const Vector3d p = random.vector(), d = random.unit();
     const DualVector line = DualVector::line(p, d);
     const DualVector moved = q.transform_line(line);
-    const DualVector expected =
-        DualVector::line(q.transform_point(p), q.transform_direction(d));
+    const DualVector expected = DualVector::line(q.transform_point(p), q.transform_direction(d));
     EXPECT_LT((moved.real - expected.real).norm() + (moved.dual - expected.dual).norm(), 1e-13);
     // Any other point of it gives the same line.
     const DualVector same = DualVector::line(p + 0.7 * d, d);

@@ -66,8 +66,8 @@ TEST(Rig, PoseFollowsTheDefinition) {
       about(q[11], rig.joints[3].axes[0]), Eigen::Quaterniond::Identity()};
   for (int i = 0; i < 5; ++i) {
     EXPECT_LT(rotation_angle(pose[i].rotation(), rig.joints[i].rest * expected[i]), 1e-12) << i;
-    const Eigen::Vector3d slide = i == 0 ? Eigen::Vector3d(q[0], q[1], q[2])
-                                         : Eigen::Vector3d::Zero();
+    const Eigen::Vector3d slide =
+        i == 0 ? Eigen::Vector3d(q[0], q[1], q[2]) : Eigen::Vector3d::Zero();
     EXPECT_LT((pose[i].translation() - rig.joints[i].offset - slide).norm(), 1e-14) << i;
   }
 }

@@ -98,8 +98,7 @@ TEST(Jacobian, PullIsTheGradientOfTheCostAnywhere) {
   for (int trial = 0; trial < 60; ++trial) {
     Place s(test::random_rig(random, 8, 7), random, false, 0.8);
     const Eigen::Index n = s.state.x.size();
-    EffectorLoad load{std::vector<Matrix6>(s.tree.nodes.size()),
-                      std::vector<Vector6>(s.tree.nodes.size())};
+    EffectorLoad load(s.tree.nodes.size());
     effector_load(s.tree, s.goals, s.kinematics, load);
     compose_load(s.tree, load);
     Eigen::MatrixXd a(n, n);
@@ -137,8 +136,7 @@ TEST(Jacobian, CompositeInertiasGiveTheNormalEquationsOfTheRows) {
       e.segment<3>(6 * i) = s.kinematics.error[i].position;
       e.segment<3>(6 * i + 3) = s.kinematics.error[i].rotation;
     }
-    EffectorLoad load{std::vector<Matrix6>(s.tree.nodes.size()),
-                      std::vector<Vector6>(s.tree.nodes.size())};
+    EffectorLoad load(s.tree.nodes.size());
     effector_load(s.tree, s.goals, s.kinematics, load);
     compose_load(s.tree, load);
     Eigen::MatrixXd a(n, n);

@@ -65,8 +65,7 @@ Problem random_problem(Random& random, int n) {
     p.ellipses.push_back({i, {p.low[i], p.high[i], p.low[i + 1], p.high[i + 1]}});
     p.low.segment<2>(i).setConstant(-1e300);
     p.high.segment<2>(i).setConstant(1e300);
-    const Eigen::Vector2d inside =
-        p.ellipses.back().swing.project({p.at[i], p.at[i + 1]});
+    const Eigen::Vector2d inside = p.ellipses.back().swing.project({p.at[i], p.at[i + 1]});
     p.at.segment<2>(i) = inside;
   }
   return p;
@@ -134,7 +133,7 @@ struct Linearised {
         state(tree.make_state()),
         kinematics(tree.make_kinematics()),
         goals(rig.effectors.size()),
-        load{std::vector<Matrix6>(tree.nodes.size()), std::vector<Vector6>(tree.nodes.size())},
+        load(tree.nodes.size()),
         a(tree.coordinate_count(), tree.coordinate_count()),
         b(tree.coordinate_count()) {
     tree.load(test::allowed_pose(random, rig, fill), state);
@@ -162,7 +161,8 @@ TEST(TreeElimination, WithoutLimitsItIsTheDenseSolution) {
     elimination.reset(p.state.x);
     elimination.linearise(p.kinematics, p.load);
     VectorXd step(p.b.size());
-    const EliminationStats stats = elimination.solve(p.state.x, 1e-2, step);
+    const EliminationStats stats =
+        elimination.solve(p.state.x, 1e-2, VectorXd::Zero(p.b.size()), step);
     EXPECT_EQ(stats.passes, 1);
     const VectorXd dense = p.a.ldlt().solve(p.b);
     EXPECT_LT((step - dense).norm(), 1e-10 * (1.0 + dense.norm()));
@@ -193,15 +193,17 @@ TEST(TreeElimination, AtLimitsItReachesTheFixedPointOfTheSweeps) {
     elimination.linearise(p.kinematics, p.load);
     VectorXd step = VectorXd::Zero(p.b.size());
     // Swings end on the tangent: repeat from where the border was taken up until that is exact.
-    for (int i = 0; i < 60; ++i) elimination.solve(p.state.x, damping, step);
+    const VectorXd wish = VectorXd::Constant(p.b.size(), 0.01);
+    for (int i = 0; i < 60; ++i) elimination.solve(p.state.x, damping, wish, step);
+    const VectorXd b = p.b + damping * p.tree.damping.cwiseProduct(wish);
     VectorXd end = p.state.x + step;
     p.tree.project(end);
     step = end - p.state.x;
     VectorXd sweeps = VectorXd::Zero(p.b.size());
-    solve_pgs({p.a, p.b, p.state.x, p.tree.min, p.tree.max, p.ellipses}, sweeps,
+    solve_pgs({p.a, b, p.state.x, p.tree.min, p.tree.max, p.ellipses}, sweeps,
               {.max_sweeps = 400000, .tolerance = 1e-15});
-    EXPECT_LT(projected_residual(p.state.x + sweeps, p.a * sweeps - p.b, p.a.diagonal(),
-                                 p.tree.min, p.tree.max, p.ellipses),
+    EXPECT_LT(projected_residual(p.state.x + sweeps, p.a * sweeps - b, p.a.diagonal(), p.tree.min,
+                                 p.tree.max, p.ellipses),
               1e-9);
     EXPECT_LT((step - sweeps).cwiseAbs().maxCoeff(), 1e-8) << trial;
     for (Eigen::Index k = 0; k < end.size(); ++k) {
@@ -212,6 +214,59 @@ TEST(TreeElimination, AtLimitsItReachesTheFixedPointOfTheSweeps) {
     }
   }
   EXPECT_GT(active, 100);  // the limits had a say
+}
+
+TEST(TreeElimination, CurvedProblemIsNewtonsOwn) {
+  // With H the Hessian of half the cost: (H + damping) d = J'We. H d is measured by moving along d
+  // and watching J'We. Hinges only: their coordinates are the angles themselves.
+  Random random(6);
+  int checked = 0;
+  for (int trial = 0; trial < 40; ++trial) {
+    Rig rig;
+    for (int i = 0; i < 7; ++i) {
+      const JointType type = i % 3 == 2 ? JointType::universal : JointType::hinge;
+      RigJoint joint = test::random_joint(random, type, i == 0 ? -1 : random.integer(0, i - 1), i);
+      joint.limits = {};
+      rig.joints.push_back(joint);
+    }
+    for (int e = 0; e < 5; ++e) {
+      const EffectorKind kinds[] = {EffectorKind::pose, EffectorKind::position,
+                                    EffectorKind::orientation};
+      rig.effectors.push_back({.name = std::to_string(e),
+                               .joint = random.integer(0, 6),
+                               .offset = random.vector(0.2),
+                               .kind = kinds[e % 3]});
+    }
+    const double damping = 0.3;
+    Linearised p(rig, random, damping, 1.0);
+    EffectorLoad curved(p.tree.nodes.size());
+    effector_load(p.tree, p.goals, p.kinematics, curved, true);
+    TreeElimination elimination(p.tree);
+    elimination.reset(p.state.x);
+    elimination.linearise(p.kinematics, curved);
+    const Eigen::Index n = p.b.size();
+    VectorXd step(n);
+    if (!elimination.solve(p.state.x, damping, VectorXd::Zero(n), step).definite) continue;
+    ++checked;
+    const auto pull_at = [&](double along) {
+      IkState state = p.tree.make_state();
+      IkKinematics kinematics = p.tree.make_kinematics();
+      p.tree.move(p.state, along * step, state);
+      p.tree.evaluate(state, p.goals, kinematics);
+      p.tree.linearise(state, kinematics);
+      EffectorLoad load(p.tree.nodes.size());
+      effector_load(p.tree, p.goals, kinematics, load);
+      compose_load(p.tree, load);
+      MatrixXd a(n, n);
+      VectorXd b(n);
+      normal_equations(p.tree, kinematics, load, a, b);
+      return b;
+    };
+    const double h = 1e-5;
+    const VectorXd hessian_step = (pull_at(-h) - pull_at(h)) / (2.0 * h);
+    EXPECT_LT((hessian_step + damping * step - p.b).norm(), 1e-7 * (1.0 + p.b.norm())) << trial;
+  }
+  EXPECT_GT(checked, 20);
 }
 
 }  // namespace

@@ -1,5 +1,6 @@
 // The load that retargeting puts on the solver: a weak orientation effector on almost every joint,
-// strong poses and positions on pelvis, hands and feet, all somewhat in conflict, from a good start.
+// strong poses and positions on pelvis, hands and feet, all somewhat in conflict, from a good
+// start.
 #include <gtest/gtest.h>
 
 #include "solver/swing_twist.h"

@@ -91,11 +91,14 @@ struct Ellipse {
   const char* name;
   SwingEllipse e;
 };
-const Ellipse kEllipses[] = {
-    {"round", {-1, 1, -1, 1}},         {"asymmetric", {-0.4, 1.9, -0.7, 0.3}},
-    {"flat", {-1.0, 1.5, -1e-9, 1e-9}}, {"no width", {-1.0, 1.2, 0.0, 0.0}},
-    {"half", {0.0, 1.0, -0.5, 0.7}},   {"quarter", {0.0, 1.0, 0.0, 0.5}},
-    {"point", {0, 0, 0, 0}},           {"aspect 1e6", {-2, 2, -2e-6, 2e-6}}};
+const Ellipse kEllipses[] = {{"round", {-1, 1, -1, 1}},
+                             {"asymmetric", {-0.4, 1.9, -0.7, 0.3}},
+                             {"flat", {-1.0, 1.5, -1e-9, 1e-9}},
+                             {"no width", {-1.0, 1.2, 0.0, 0.0}},
+                             {"half", {0.0, 1.0, -0.5, 0.7}},
+                             {"quarter", {0.0, 1.0, 0.0, 0.5}},
+                             {"point", {0, 0, 0, 0}},
+                             {"aspect 1e6", {-2, 2, -2e-6, 2e-6}}};
 
 TEST(SwingEllipse, NearestPointBeatsEveryOtherPointOfTheSet) {
   Random random(5);
@@ -125,7 +128,8 @@ TEST(SwingEllipse, InsideStaysAndBorderStaysAndProjectingTwiceIsProjectingOnce) 
       const Vector2d inside = r * border;
       EXPECT_EQ(e.project(inside), inside) << name;
       EXPECT_LT((e.project(border) - border).norm(), 1e-14) << name;
-      const Vector2d once = e.project(random.uniform(1.0, 5.0) * border + random.vector().head<2>());
+      const Vector2d once =
+          e.project(random.uniform(1.0, 5.0) * border + random.vector().head<2>());
       EXPECT_LT((e.project(once) - once).norm(), 1e-14) << name;
     }
   }
@@ -206,14 +210,14 @@ TEST(Limits, NearestInItsCoordinates) {
   for (int trial = 0; trial < 200; ++trial) {
     const RigJoint joint = test::random_joint(random, JointType::ball, -1, 0);
     const SwingTwist in{random.uniform(-2, 2), random.uniform(-2, 2), random.uniform(-2, 2)};
-    const SwingTwist out = decompose(project_into_limits(joint, compose(in, joint.axes)), joint.axes);
+    const SwingTwist out =
+        decompose(project_into_limits(joint, compose(in, joint.axes)), joint.axes);
     const auto apart = [&](const SwingTwist& s) {
       return std::hypot(s.swing0 - in.swing0, s.swing1 - in.swing1);
     };
     EXPECT_NEAR(out.twist, std::clamp(in.twist, joint.limits[2].min, joint.limits[2].max), 1e-10);
     for (int i = 0; i < 200; ++i) {
-      const SwingTwist other =
-          decompose(test::allowed_rotation(random, joint), joint.axes);
+      const SwingTwist other = decompose(test::allowed_rotation(random, joint), joint.axes);
       EXPECT_GE(apart(other), apart(out) - 1e-10);
     }
   }
@@ -225,8 +229,9 @@ TEST(Limits, HalfTurnSwingsWithTwistRangesThatExcludeZero) {
     RigJoint joint = ball(random);
     joint.limits[0] = joint.limits[1] = {-M_PI, M_PI};
     joint.limits[2] = {0.5, 1.0};
-    const Vector3d axis = (random.uniform(-1, 1) * joint.axes[0] +
-                           random.uniform(-1, 1) * joint.axes[1]).normalized();
+    const Vector3d axis =
+        (random.uniform(-1, 1) * joint.axes[0] + random.uniform(-1, 1) * joint.axes[1])
+            .normalized();
     const Quaterniond out = project_into_limits(joint, about(axis, M_PI));
     EXPECT_LT(test::excess(joint, out), 1e-7);
     EXPECT_EQ(project_into_limits(joint, out).coeffs(), out.coeffs());

@@ -99,8 +99,8 @@ inline Eigen::Quaterniond allowed_rotation(Random& random, const RigJoint& joint
         s1 = y * (y < 0 ? -joint.limits[1].min : joint.limits[1].max);
       }
       const Eigen::Vector3d s = s0 * joint.axes[0] + s1 * joint.axes[1];
-      const Eigen::Quaterniond swing = s.norm() > 0.0 ? about(s.normalized(), s.norm())
-                                                      : Eigen::Quaterniond::Identity();
+      const Eigen::Quaterniond swing =
+          s.norm() > 0.0 ? about(s.normalized(), s.norm()) : Eigen::Quaterniond::Identity();
       return swing * about(joint.axes[2], within(joint.limits[2]));
     }
     default:
@@ -115,8 +115,7 @@ inline Pose allowed_pose(Random& random, const Rig& rig, double fill = 1.0) {
     const Eigen::Quaterniond r = free ? random.rotation() : allowed_rotation(random, joint, fill);
     const Eigen::Vector3d slide =
         free ? random.vector(0.5) : Eigen::Vector3d(Eigen::Vector3d::Zero());
-    pose.push_back(
-        DualQuaternion::from_rotation_translation(joint.rest * r, joint.offset + slide));
+    pose.push_back(DualQuaternion::from_rotation_translation(joint.rest * r, joint.offset + slide));
   }
   return pose;
 }
@@ -155,7 +154,8 @@ inline double excess(const RigJoint& joint, const Eigen::Quaterniond& rotation) 
     return std::atan2(axis.dot(side.cross(turned)), side.dot(turned));
   };
   const bool limited = joint.limited();
-  if (joint.type == JointType::fixed) return rotation.angularDistance(Eigen::Quaterniond::Identity());
+  if (joint.type == JointType::fixed)
+    return rotation.angularDistance(Eigen::Quaterniond::Identity());
   if (joint.type == JointType::hinge) {
     const double off = (rotation * joint.axes[0] - joint.axes[0]).norm();
     const double angle = turn_about(joint.axes[0], rotation);

@@ -160,6 +160,41 @@ TEST(EffectorProblem, CostIsTheSumOfTheWeightedSquares) {
   EXPECT_NEAR(problem.cost_of_pose(pose), by_hand, 1e-15);
 }
 
+TEST(EffectorProblem, CostIsTheSolversCost) {
+  const Rig rig = zoo();
+  std::mt19937 random(19);
+  for (int trial = 0; trial < 50; ++trial) {
+    std::vector<EffectorTarget> targets = targets_at(rig, random_pose(rig, random, 1.0));
+    targets[3].weight = 0.3;
+    const std::vector<DualQuaternion> pose = random_pose(rig, random, 1.0);
+    const double cost = EffectorProblem(rig, targets).cost_of_pose(pose);
+    EXPECT_NEAR(effector_cost(rig, targets, pose), cost, 1e-12 * cost);
+  }
+}
+
+TEST(CeresRefiner, AgreesWithTheSolverOnWhatLimitsAllow) {
+  // Both start from the same pose; neither may beat the other by much where targets are in reach.
+  const Rig rig = zoo();
+  std::mt19937 random(37);
+  auto solver = IkSolver::create(rig);
+  ASSERT_TRUE(solver.ok());
+  for (int trial = 0; trial < 20; ++trial) {
+    const std::vector<DualQuaternion> truth = random_pose(rig, random, 0.9);
+    const std::vector<EffectorTarget> targets = targets_at(rig, truth);
+    std::vector<DualQuaternion> pose = truth;
+    for (std::size_t i = 0; i < pose.size(); ++i) {
+      if (rig.joints[i].type == JointType::fixed) continue;
+      pose[i] = pose[i] * DualQuaternion::from_rotation(random_rotation(random, 0.03));
+    }
+    solver->solve(targets, pose);
+    EXPECT_LT(worst_excess(rig, pose), 1e-5 * M_PI / 180.0);
+    const auto report = refine_with_ceres(rig, targets, pose);
+    ASSERT_TRUE(report.ok());
+    EXPECT_LT(report->cost_before, 1e-5) << "trial " << trial;
+    EXPECT_LT(report->cost_after, 1e-12) << "trial " << trial;
+  }
+}
+
 TEST(CeresRefiner, ReachableTargetsAreReachedFromANearbyPose) {
   const Rig rig = zoo();
   std::mt19937 random(23);

@@ -85,8 +85,8 @@ inline Character walker_with_mesh() {
     add_capsule(mesh, static_cast<std::uint32_t>(parent), from, to, r, 0.8 * r, 14, 10);
   }
   const Eigen::Vector3d head = rest[4].translation();
-  add_capsule(mesh, 4, head + Eigen::Vector3d(0, 0.04, 0.02),
-              head + Eigen::Vector3d(0, 0.16, 0.02), 0.08, 0.08, 18, 14);
+  add_capsule(mesh, 4, head + Eigen::Vector3d(0, 0.04, 0.02), head + Eigen::Vector3d(0, 0.16, 0.02),
+              0.08, 0.08, 18, 14);
   for (const int hand : {11, 18}) {
     const Eigen::Vector3d at = rest[hand].translation();
     const Eigen::Vector3d out = at + Eigen::Vector3d(at.x() > 0 ? 0.14 : -0.14, 0, 0);

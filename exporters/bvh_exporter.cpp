@@ -140,10 +140,18 @@ class Exporter {
     return translates(j);
   }
 
+  /// Position channels replace OFFSET, and some readers take all-zero channels for absent ones; so
+  /// below the root OFFSET is where the joint starts, and the two agree wherever it stays.
+  Eigen::Vector3d offset_of(std::int32_t j) const {
+    const bool root = skeleton_.parents[j] == kNoJoint;
+    return root ? skeleton_.rest_parent_from_joint[j].translation()
+                : clip_.frame(0)[j].translation();
+  }
+
   bool translates(std::int32_t j) const {
-    const Eigen::Vector3d rest = skeleton_.rest_parent_from_joint[j].translation();
+    const Eigen::Vector3d offset = offset_of(j);
     for (std::int64_t f = 0; f < clip_.frames(); ++f) {
-      if ((clip_.frame(f)[j].translation() - rest).norm() > 1e-8) return true;
+      if ((clip_.frame(f)[j].translation() - offset).norm() > 1e-8) return true;
     }
     return false;
   }
@@ -190,8 +198,7 @@ class Exporter {
   }
 
   void write_joint(std::int32_t j, int depth, const char* keyword) {
-    open(depth, keyword + joints_[j].name, skeleton_.rest_parent_from_joint[j].translation(),
-         joints_[j].translates);
+    open(depth, keyword + joints_[j].name, offset_of(j), joints_[j].translates);
     order_.push_back(j);
     for (const std::int32_t child : children_[j]) {
       if (joints_[child].end_site) {

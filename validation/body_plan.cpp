@@ -141,11 +141,7 @@ void pair_by_name(const Character& character, BodyPlan& plan) {
 
 /// Control joints beside the body (IK targets, poles) say nothing about where it looks.
 void keep_pairs_below(const Skeleton& skeleton, std::int32_t pelvis, BodyPlan& plan) {
-  std::vector<std::uint8_t> inside(skeleton.parents.size(), 0);
-  for (std::int32_t i = pelvis; i < skeleton.size(); ++i) {
-    const std::int32_t parent = skeleton.parents[i];
-    inside[i] = i == pelvis || (parent != kNoJoint && inside[parent]);
-  }
+  const std::vector<std::uint8_t> inside = joints_below(skeleton, pelvis);
   std::vector<std::pair<std::int32_t, std::int32_t>> kept;
   for (const auto& pair : plan.pairs) {
     if (inside[pair.first] && inside[pair.second]) kept.push_back(pair);
@@ -268,12 +264,39 @@ std::int32_t knuckle_of(const Skeleton& skeleton, const BodyPlan& plan, std::int
 }
 
 std::int32_t wrist_of(const Skeleton& skeleton, const BodyPlan& plan) {
+  if (plan.crop != kNoJoint) return plan.crop;
   for (std::int32_t i = 0; i < skeleton.size(); ++i) {
     if (plan.roles[i].ends_with("Hand") || has(lower(skeleton.names[i]), "wrist")) return i;
   }
   std::int32_t wrist = knuckle_of(skeleton, plan, 1);  // above the fingers
   while (wrist > 0 && plan.fingers[wrist] >= 0) wrist = skeleton.parents[wrist];
   return std::max(wrist, 0);
+}
+
+std::vector<std::uint8_t> joints_below(const Skeleton& skeleton, std::int32_t top) {
+  std::vector<std::uint8_t> below(skeleton.parents.size(), top == kNoJoint);
+  for (std::int32_t i = std::max(top, 0); i < skeleton.size(); ++i) {
+    const std::int32_t parent = skeleton.parents[i];
+    if (i == top || (parent != kNoJoint && below[parent])) below[i] = 1;
+  }
+  return below;
+}
+
+BodyPlan hand_plan_of(const Character& character, BodySide side) {
+  const Skeleton& skeleton = character.skeleton;
+  const BodyPlan whole = plan_of(character);
+  BodyPlan hand = whole;
+  for (std::int32_t i = 0; i < skeleton.size(); ++i) {
+    if (hand.sides[i] != side) hand.fingers[i] = -1;
+  }
+  std::int32_t wrist = knuckle_of(skeleton, hand, 1);  // the last joint that carries all fingers
+  while (wrist != kNoJoint && hand.fingers[wrist] >= 0) wrist = skeleton.parents[wrist];
+  if (wrist == kNoJoint || wrist == 0) return whole;
+  hand.crop = hand.pelvis = wrist;
+  hand.head = kNoJoint;
+  hand.hand_only = true;
+  hand.stands = false;
+  return hand;
 }
 
 BodyPlan plan_of(const Character& character) {

@@ -32,9 +32,12 @@ struct Actor {
   std::vector<DualQuaternion> model_from_joint;
   double floor_y = 0.0;  // drawn as y = 0
 
-  Actor(const SheetFigure& f, std::span<const std::int32_t> tinted)
+  Eigen::Quaterniond first_turn{1, 0, 0, 0};
+  bool followed = false;  // the camera turns with the wrist
+
+  Actor(const SheetFigure& f, BodyPlan plan, std::span<const std::int32_t> tinted)
       : figure(&f),
-        model(std::make_unique<FigureModel>(*f.character, tinted)),
+        model(std::make_unique<FigureModel>(*f.character, std::move(plan), tinted)),
         model_from_joint(f.character->skeleton.parents.size()) {}
 
   const BodyPlan& plan() const { return model->plan(); }
@@ -48,6 +51,11 @@ struct Actor {
   Eigen::Vector3d anchor() const {
     return figure->scale * model_from_joint[plan().pelvis].translation() + shift();
   }
+  /// How the followed joint has turned since the first drawn frame.
+  Eigen::Quaterniond turned() const {
+    return model_from_joint[plan().pelvis].rotation() * first_turn.conjugate();
+  }
+  Eigen::Quaterniond turn() const { return followed ? turned() : Eigen::Quaterniond::Identity(); }
 };
 
 struct Row {
@@ -138,13 +146,25 @@ void find_floor(Actor& actor, std::span<const std::int64_t> frames) {
   if (lowest < -0.1 * size || lowest > 0.5 * size) actor.floor_y = lowest;
 }
 
+/// The camera follows a hand's turns where they would hide the fingers.
+bool turns_much(Actor& actor, std::span<const std::int64_t> frames) {
+  bool much = false;
+  for (const std::int64_t frame : frames) {
+    actor.pose(frame);
+    if (frame == frames.front())
+      actor.first_turn = actor.model_from_joint[actor.plan().pelvis].rotation();
+    much = much || rotation_angle(actor.turned(), Eigen::Quaterniond::Identity()) > 0.8;
+  }
+  return much;
+}
+
 /// Fits the row's camera to all of its frames; fixes the row's height.
 void frame_row(Row& row, std::size_t columns) {
   row.camera =
       std::make_unique<RowCamera>(row.view, grid_of(0, columns, 0).cells[0].width, kCellHeight);
   for (const std::int64_t frame : row.frames) {
     const std::vector<Eigen::Vector3d> points = some_points(row.actor->pose(frame));
-    row.camera->include(points, row.actor->anchor());
+    row.camera->include(points, row.actor->anchor(), row.actor->turn());
     row.size = std::max(row.size, height_of(points));
   }
   row.size = std::max(row.size, 1e-3);
@@ -163,9 +183,9 @@ void draw_row(Canvas& canvas, const Row& row, const ContactSheet& sheet,
     CellScene scene;
     scene.surfaces = row.actor->pose(row.frames[c]);
     scene.anchor = row.actor->anchor();
-    scene.camera = row.camera->at(scene.anchor);
+    scene.camera = row.camera->at(scene.anchor, row.actor->turn());
     scene.ground = row.view.ground;
-    scene.up = row.view.up;
+    scene.up = row.actor->turn() * row.view.up;
     scene.size = row.size;
     draw_scene(canvas, grid.cells[c], scene);
     const auto f = static_cast<std::size_t>(frames[c]);
@@ -174,17 +194,10 @@ void draw_row(Canvas& canvas, const Row& row, const ContactSheet& sheet,
       of_marks.eye.y() += row.actor->floor_y;
       draw_marks(canvas, grid.cells[c], of_marks, sheet.marks[f]);
     }
-    const bool is_worst =
-        worst != sheet.error_mm.end() && worst - sheet.error_mm.begin() == frames[c];
+    const bool is_worst = worst != sheet.error_mm.end() && *worst >= 0.05 &&
+                          worst - sheet.error_mm.begin() == frames[c];
     draw_caption(canvas, grid.cells[c], sheet, frames[c], row.marks, is_worst);
   }
-}
-
-Rgb verdict_color(const std::string& verdict) {
-  return verdict == "pass"   ? palette::kPass
-         : verdict == "warn" ? palette::kWarn
-         : verdict == "fail" ? palette::kFail
-                             : palette::kMuted;
 }
 
 std::string detail_of(const Actor& actor) {
@@ -194,111 +207,97 @@ std::string detail_of(const Actor& actor) {
                                    figure.clip->frames(), figure.clip->rate_hz);
   if (actor.floor_y != 0.0)
     detail += fmt::format("   (floor drawn at y = {:.2f} m)", actor.floor_y);
+  if (actor.followed) detail += "   (the view turns with the wrist)";
   return detail;
+}
+
+/// What the sheet shows, in rows from the top.
+struct Cast {
+  std::unique_ptr<Actor> source, target;
+  std::vector<std::int64_t> frames, source_frames;
+  std::vector<Row> rows;
+};
+
+/// A hand is compared with the source's hand of its side, not with the whole figure.
+BodyPlan plan_of_source(const ContactSheet& sheet, const Actor& target) {
+  const std::int32_t knuckle = knuckle_of(target.skeleton(), target.plan(), 1);
+  if (!target.plan().hand_only || knuckle == kNoJoint) return plan_of(*sheet.source.character);
+  const BodySide side = target.plan().sides[knuckle];
+  const BodyPlan whole = plan_of(*sheet.source.character);
+  if (whole.hand_only || side == BodySide::centre) return whole;
+  return hand_plan_of(*sheet.source.character, side);
+}
+
+Cast cast_of(const ContactSheet& sheet) {
+  Cast cast;
+  cast.target =
+      std::make_unique<Actor>(sheet.target, plan_of(*sheet.target.character), sheet.tinted_joints);
+  Actor& target = *cast.target;
+  cast.frames = choose_frames(sheet, target.plan(), kColumns);
+  if (target.plan().stands) find_floor(target, cast.frames);
+  bool follow = target.plan().hand_only && turns_much(target, cast.frames);
+  Actor* leader = &target;
+  if (sheet.source.character != nullptr) {
+    cast.source = std::make_unique<Actor>(sheet.source, plan_of_source(sheet, target),
+                                          std::span<const std::int32_t>{});
+    Actor& source = *cast.source;
+    for (const std::int64_t f : cast.frames) {
+      cast.source_frames.push_back(frame_at_same_time(*sheet.target.clip, f, *sheet.source.clip));
+    }
+    if (source.plan().stands) find_floor(source, cast.source_frames);
+    follow = (source.plan().hand_only && turns_much(source, cast.source_frames)) || follow;
+    source.followed = follow && source.plan().hand_only;
+    source.pose(cast.source_frames.front());
+    if (target.plan().stands && source.plan().stands) leader = &source;
+  }
+  target.followed = follow && target.plan().hand_only;
+  target.pose(cast.frames.front());
+
+  // One direction for all rows, from the source's first frame: a target that faces elsewhere shows.
+  const auto front_of = [](const Actor& actor) {
+    return front_view(actor.skeleton(), actor.plan(), actor.model_from_joint);
+  };
+  const ViewDirection front = front_of(*leader);
+  const ViewDirection side =
+      side_view(leader->skeleton(), leader->plan(), leader->model_from_joint);
+  if (cast.source) {
+    Actor& source = *cast.source;
+    const ViewDirection own = leader == &source ? front : front_of(source);
+    cast.rows.push_back(row_of(&source, "SOURCE", detail_of(source), own, cast.source_frames));
+  }
+  const char* from = target.plan().hand_only ? "from the thumb's side" : "from the side";
+  cast.rows.push_back(row_of(&target, "TARGET", detail_of(target), front, cast.frames));
+  cast.rows.push_back(row_of(&target, "TARGET", from, side, cast.frames));
+  for (Row& row : cast.rows) {
+    row.marks = row.actor == &target;
+    frame_row(row, cast.frames.size());
+  }
+  return cast;
 }
 
 }  // namespace
 
-void draw_head(Canvas& canvas, const Box& box, const ContactSheet& sheet, const BodyPlan& plan) {
-  double x = box.x;
-  if (!sheet.verdict.empty()) {
-    std::string word = sheet.verdict;
-    for (char& c : word) c = static_cast<char>(std::toupper(static_cast<unsigned char>(c)));
-    const double width = Canvas::text_width(word, 12) + 32;
-    canvas.rounded({static_cast<std::int32_t>(x), box.y + 4, static_cast<std::int32_t>(width), 32},
-                   16, verdict_color(sheet.verdict));
-    canvas.text(x + 0.5 * width, box.y + 26, word, 12, {255, 255, 255}, Align::centre, 1.4);
-    x += width + 18;
-  }
-  canvas.text(x, box.y + 30, Canvas::fitted(sheet.title, 19, 0.6 * box.width), 19, palette::kInk,
-              Align::left, 0.95);
-  // Legend, from the right.
-  double right = box.x + box.width;
-  const auto entry = [&](const char* word, Rgb color) {
-    right -= canvas.text(right, box.y + 26, word, 9.5, palette::kMuted, Align::right);
-    canvas.disc({right - 12, box.y + 21.5}, 5.0, color);
-    right -= 36;
-  };
-  if (!sheet.marks.empty()) {
-    entry("reached", palette::kReached);
-    entry("effector target", palette::kTarget);
-  }
-  if (!sheet.tinted_joints.empty()) entry("on a limit", palette::kTint);
-  if (plan.hand_only) {
-    for (std::size_t f = palette::kFingers.size(); f-- > 0;) {
-      entry(palette::kFingerNames[f], palette::kFingers[f]);
-    }
-  } else if (plan.stands) {
-    entry("right", palette::kRight);
-    entry("left", palette::kLeft);
-  }
-  // Key figures.
-  x = box.x;
-  for (const std::string& figure : sheet.key_figures) {
-    const double width = Canvas::text_width(figure, 10) + 28;
-    if (x + width > box.x + box.width) break;
-    canvas.rounded({static_cast<std::int32_t>(x), box.y + 52, static_cast<std::int32_t>(width), 30},
-                   8, palette::kCard);
-    canvas.text(x + 0.5 * width, box.y + 72, figure, 10, palette::kInk, Align::centre);
-    x += width + 10;
-  }
-}
-
 Result<Image> render_contact_sheet(const ContactSheet& sheet) {
   if (!playable(sheet.target)) return invalid("the target has no frames for its joints");
-  const bool with_source = sheet.source.character != nullptr;
-  if (with_source && !playable(sheet.source))
+  if (sheet.source.character != nullptr && !playable(sheet.source)) {
     return invalid("the source has no frames for its joints");
-
-  Actor target(sheet.target, sheet.tinted_joints);
-  std::unique_ptr<Actor> source;
-  if (with_source) source = std::make_unique<Actor>(sheet.source, std::span<const std::int32_t>{});
-  const std::vector<std::int64_t> frames = choose_frames(sheet, target.plan(), kColumns);
-
-  // One direction for all rows, from the source's first frame: a target that faces elsewhere shows.
-  std::vector<std::int64_t> source_frames;
-  if (target.plan().stands) find_floor(target, frames);
-  target.pose(frames.front());
-  Actor* leader = &target;
-  if (with_source) {
-    for (const std::int64_t f : frames) {
-      source_frames.push_back(frame_at_same_time(*sheet.target.clip, f, *sheet.source.clip));
-    }
-    if (source->plan().stands) find_floor(*source, source_frames);
-    source->pose(source_frames.front());
-    if (target.plan().stands && source->plan().stands) leader = source.get();
   }
-  const ViewDirection front =
-      front_view(leader->skeleton(), leader->plan(), leader->model_from_joint);
-  const ViewDirection side =
-      side_view(leader->skeleton(), leader->plan(), leader->model_from_joint);
-  std::vector<Row> rows;
-  if (with_source) {
-    const ViewDirection own =
-        leader == source.get()
-            ? front
-            : front_view(source->skeleton(), source->plan(), source->model_from_joint);
-    rows.push_back(row_of(source.get(), "SOURCE", detail_of(*source), own, source_frames));
-  }
-  rows.push_back(row_of(&target, "TARGET", detail_of(target), front, frames));
-  rows.push_back(row_of(&target, "TARGET",
-                        target.plan().hand_only ? "from the thumb's side" : "from the side", side,
-                        frames));
-  std::int32_t height = kMargin + kHeadHeight;
-  for (Row& row : rows) {
-    row.marks = row.actor == &target;
-    frame_row(row, frames.size());
-    height += kRowLabel + kCaption + row.cell_height + kRowGap;
-  }
+  const Cast cast = cast_of(sheet);
+  const auto height_of_row = [](const Row& row) {
+    return kRowLabel + kCaption + row.cell_height + kRowGap;
+  };
   const std::int32_t strips = strips_height(sheet);
-  Canvas canvas(kInnerWidth + 2 * kMargin, height + strips + kMargin, palette::kPage);
-  draw_head(canvas, {kMargin, kMargin - 8, kInnerWidth, kHeadHeight}, sheet, target.plan());
+  std::int32_t height = kMargin + kHeadHeight + strips + kMargin;
+  for (const Row& row : cast.rows) height += height_of_row(row);
+  Canvas canvas(kInnerWidth + 2 * kMargin, height, palette::kPage);
+  const Box head{kMargin, kMargin - 8, kInnerWidth, kHeadHeight};
+  draw_head(canvas, head, sheet, cast.target->plan());
   std::int32_t y = kMargin + kHeadHeight - 14;
-  for (const Row& row : rows) {
-    draw_row(canvas, row, sheet, frames, y);
-    y += kRowLabel + kCaption + row.cell_height + kRowGap;
+  for (const Row& row : cast.rows) {
+    draw_row(canvas, row, sheet, cast.frames, y);
+    y += height_of_row(row);
   }
-  draw_strips(canvas, {kMargin, y + 14, kInnerWidth, strips}, sheet, frames);
+  draw_strips(canvas, {kMargin, y + 14, kInnerWidth, strips}, sheet, cast.frames);
   return canvas.take();
 }
 

@@ -65,17 +65,19 @@ void add_bone(Surface& s, const Eigen::Vector3d& from, const Eigen::Vector3d& to
 void FigureModel::add_bones(Tinted tinted) {
   const Skeleton& skeleton = character_.skeleton;
   const auto children = children_of(skeleton);
+  const std::vector<std::uint8_t> drawn = joints_below(skeleton, plan_.crop);
   in_body_.assign(skeleton.parents.size(), 0);
   double longest = 0.0, longest_of_trunk = 0.0;
   for (std::int32_t i = 0; i < skeleton.size(); ++i) {
     const std::int32_t parent = skeleton.parents[i];
     // Joints above the pelvis only place the figure in the world.
     const bool inside = parent != kNoJoint && in_body_[parent];
-    in_body_[i] = i == plan_.pelvis || plan_.hand_only || inside;
+    in_body_[i] = drawn[i] && (i == plan_.pelvis || plan_.hand_only || inside);
     if (!inside) continue;
     const bool limb = plan_.hand_only || plan_.sides[i] != BodySide::centre;
     // Markers that hang on the pelvis (3ds Max's footsteps) are no limb.
-    in_body_[i] = limb || !plan_.stands || parent != plan_.pelvis || !children[i].empty();
+    const bool marker = !limb && plan_.stands && parent == plan_.pelvis && children[i].empty();
+    in_body_[i] = !marker && !inside_head(i);
     if (!in_body_[i]) continue;
     double& most = limb ? longest : longest_of_trunk;
     most = std::max(most, skeleton.rest_parent_from_joint[i].translation().norm());
@@ -88,6 +90,23 @@ void FigureModel::add_bones(Tinted tinted) {
   surfaces_.resize(1);
 }
 
+/// The way on from the joint above, in the joint's space.
+Eigen::Vector3d FigureModel::onwards(std::int32_t joint) const {
+  const DualQuaternion& rest = character_.skeleton.rest_parent_from_joint[joint];
+  const Eigen::Vector3d way = rest.rotation().conjugate() * rest.translation();
+  return way.norm() < 1e-6 ? Eigen::Vector3d(0, 1, 0) : Eigen::Vector3d(way.normalized());
+}
+
+/// A joint at the top of the head, which the head's ball shows.
+bool FigureModel::inside_head(std::int32_t joint) const {
+  const Skeleton& skeleton = character_.skeleton;
+  if (plan_.head == kNoJoint || skeleton.parents[joint] != plan_.head) return false;
+  const std::string& name = skeleton.names[joint];
+  if (name.find("Top") != std::string::npos || name.find("End") != std::string::npos) return true;
+  const Eigen::Vector3d way = skeleton.rest_parent_from_joint[joint].translation();
+  return way.dot(onwards(plan_.head)) > 0.6 * way.norm();
+}
+
 void FigureModel::add_bones_of(std::int32_t i, std::span<const std::int32_t> children,
                                double longest, Tinted tinted) {
   const Skeleton& skeleton = character_.skeleton;
@@ -96,18 +115,13 @@ void FigureModel::add_bones_of(std::int32_t i, std::span<const std::int32_t> chi
   bone.from = i;
   bone.joint_color = tinted[i] ? colors.tint : Eigen::Vector3f(0.8F * colors.of(plan_, i));
   const DualQuaternion& rest = skeleton.rest_parent_from_joint[i];
-  Eigen::Vector3d onwards = rest.rotation().conjugate() * rest.translation();
-  onwards = onwards.norm() < 1e-6 ? Eigen::Vector3d(0, 1, 0) : onwards.normalized();
   double crown = 0.0;  // how far the head's own end lies
   for (const std::int32_t child : children) {
+    if (inside_head(child)) {
+      crown = std::max(crown, skeleton.rest_parent_from_joint[child].translation().norm());
+    }
     if (!in_body_[child]) continue;
     const Eigen::Vector3d way = skeleton.rest_parent_from_joint[child].translation();
-    const bool top = skeleton.names[child].find("Top") != std::string::npos ||
-                     skeleton.names[child].find("End") != std::string::npos;
-    if (i == plan_.head && (top || way.dot(onwards) > 0.6 * way.norm())) {
-      crown = std::max(crown, way.norm());
-      continue;  // inside the ball
-    }
     const bool trunk = plan_.sides[child] == BodySide::centre && !plan_.hand_only;
     const bool outwards = plan_.sides[i] == BodySide::centre && !plan_.hand_only;
     bone.to = child;
@@ -124,7 +138,7 @@ void FigureModel::add_bones_of(std::int32_t i, std::span<const std::int32_t> chi
   bone.radius =
       bone.ball ? std::clamp(0.5 * crown, 0.24 * longest, 0.32 * longest) : 0.06 * longest;
   bone.end_radius = 0.6 * bone.radius;
-  bone.along = onwards * (bone.ball ? 0.9 * bone.radius : 0.3 * longest);
+  bone.along = onwards(i) * (bone.ball ? 0.9 * bone.radius : 0.3 * longest);
   bone.color = colors.of(plan_, i);
   bones_.push_back(bone);
 }

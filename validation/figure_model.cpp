@@ -78,6 +78,25 @@ std::vector<Patch> patches_of(const Character& character, std::span<const std::u
   return patches;
 }
 
+/// The triangles whose corners all hang mostly on the given joints.
+std::vector<std::uint32_t> cropped(const Mesh& mesh, const std::vector<std::uint8_t>& joints) {
+  std::vector<float> inside(mesh.positions.size(), 0.0F);
+  for (std::size_t v = 0; v < inside.size(); ++v) {
+    for (std::uint32_t i = mesh.influence_begin[v]; i < mesh.influence_begin[v + 1]; ++i) {
+      const Influence& influence = mesh.influences[i];
+      if (joints[mesh.skin[influence.skin_joint].joint]) inside[v] += influence.weight;
+    }
+  }
+  std::vector<std::uint32_t> kept;
+  for (std::size_t t = 0; t + 2 < mesh.triangles.size(); t += 3) {
+    const std::uint32_t* k = &mesh.triangles[t];
+    if (std::min({inside[k[0]], inside[k[1]], inside[k[2]]}) >= 0.5F) {
+      kept.insert(kept.end(), k, k + 3);
+    }
+  }
+  return kept;
+}
+
 }  // namespace
 
 Eigen::Vector3f linear_color(int r, int g, int b) {
@@ -105,8 +124,9 @@ struct FigureModel::SkinnedPart {
 FigureModel::~FigureModel() = default;
 FigureModel::FigureModel(FigureModel&&) noexcept = default;
 
-FigureModel::FigureModel(const Character& character, std::span<const std::int32_t> tinted_joints)
-    : character_(character), plan_(plan_of(character)) {
+FigureModel::FigureModel(const Character& character, BodyPlan plan,
+                         std::span<const std::int32_t> tinted_joints)
+    : character_(character), plan_(std::move(plan)) {
   std::vector<std::uint8_t> tinted(character.skeleton.parents.size(), 0);
   for (const std::int32_t j : tinted_joints) {
     if (j >= 0 && j < character.skeleton.size()) tinted[j] = 1;
@@ -153,7 +173,7 @@ void FigureModel::add_part(const Mesh& mesh, const Material& material, bool plai
   const std::int32_t t = material.base_color_texture;
   if (t >= 0 && mesh.uvs.size() == mesh.positions.size()) surface.texture = textures_[t].get();
   surface.uvs = mesh.uvs;
-  surface.triangles = mesh.triangles;
+  surface.triangles = cropped(mesh, joints_below(character_.skeleton, plan_.crop));
   surface.positions.resize(mesh.positions.size());
   surface.normals.resize(mesh.positions.size());
   for (std::size_t v = 0; v < mesh.positions.size(); ++v) {

@@ -25,8 +25,15 @@ struct BodyPlan {
   bool hand_only = false;            ///< a hand without a body
   bool stands = false;               ///< a body that has a floor under it, no hand, arm or tool
   std::vector<std::int8_t> fingers;  ///< [joint] 0 thumb ... 4 little; -1: none
+  std::int32_t crop = kNoJoint;      ///< if any: only this joint and what hangs on it is drawn
 };
 BodyPlan plan_of(const Character&);
+
+/// One hand of a body as a hand alone; the whole figure's plan where it has no fingers there.
+BodyPlan hand_plan_of(const Character&, BodySide);
+
+/// [joint] 1: `top` or below it; every joint for kNoJoint.
+std::vector<std::uint8_t> joints_below(const Skeleton&, std::int32_t top);
 
 /// model_from_joint at binding, else at rest.
 std::vector<DualQuaternion> rest_model(const Character&);
@@ -56,7 +63,7 @@ struct SideColors {
 /// none.
 class FigureModel {
  public:
-  FigureModel(const Character&, std::span<const std::int32_t> tinted_joints);
+  FigureModel(const Character&, BodyPlan, std::span<const std::int32_t> tinted_joints);
   ~FigureModel();
   FigureModel(FigureModel&&) noexcept;
 
@@ -75,6 +82,8 @@ class FigureModel {
   void add_bones(Tinted);
   void add_bones_of(std::int32_t joint, std::span<const std::int32_t> children, double longest,
                     Tinted);
+  bool inside_head(std::int32_t joint) const;
+  Eigen::Vector3d onwards(std::int32_t joint) const;
   void pose_bones(std::span<const DualQuaternion> model_from_joint);
 
   struct Bone {

@@ -197,9 +197,10 @@ Eigen::Vector3d RowCamera::base_of(const Eigen::Vector3d& anchor) const {
   return view_.ground ? flat(anchor) : anchor;
 }
 
-void RowCamera::include(std::span<const Eigen::Vector3d> points, const Eigen::Vector3d& anchor) {
+void RowCamera::include(std::span<const Eigen::Vector3d> points, const Eigen::Vector3d& anchor,
+                        const Eigen::Quaterniond& turn) {
   const Eigen::Vector3d base = base_of(anchor);
-  for (const Eigen::Vector3d& p : points) points_.push_back(p - base);
+  for (const Eigen::Vector3d& p : points) points_.push_back(turn.conjugate() * (p - base));
 }
 
 std::int32_t RowCamera::fit() {
@@ -234,9 +235,10 @@ std::int32_t RowCamera::fit() {
   return height_;
 }
 
-Camera RowCamera::at(const Eigen::Vector3d& anchor) const {
+Camera RowCamera::at(const Eigen::Vector3d& anchor, const Eigen::Quaterniond& turn) const {
   Camera camera = camera_;
-  camera.eye += base_of(anchor);
+  camera.eye = base_of(anchor) + turn * camera_.eye;
+  camera.view_from_world = camera_.view_from_world * turn.toRotationMatrix().transpose();
   return camera;
 }
 

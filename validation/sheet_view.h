@@ -40,13 +40,16 @@ class RowCamera {
  public:
   RowCamera(const ViewDirection&, std::int32_t width, std::int32_t height);
 
-  /// Widens the frame so that these points fit when the figure stands at `anchor`.
-  void include(std::span<const Eigen::Vector3d> points, const Eigen::Vector3d& anchor);
+  /// Widens the frame so that these points fit when the figure stands at `anchor`, turned by
+  /// `turn` since the first frame.
+  void include(std::span<const Eigen::Vector3d> points, const Eigen::Vector3d& anchor,
+               const Eigen::Quaterniond& turn = Eigen::Quaterniond::Identity());
   /// To be called after the last include. Gives the cell height that is used, at most the one
   /// that was asked for: wide figures need less.
   std::int32_t fit();
 
-  Camera at(const Eigen::Vector3d& anchor) const;
+  Camera at(const Eigen::Vector3d& anchor,
+            const Eigen::Quaterniond& turn = Eigen::Quaterniond::Identity()) const;
   const ViewDirection& view() const { return view_; }
 
  private:

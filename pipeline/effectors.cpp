@@ -24,6 +24,39 @@ Quaterniond along_chain(std::span<const Quaterniond> since, std::size_t k, std::
   return since[below].slerp(t, since[above]);
 }
 
+/// Where the bones of trunk's top, neck and head sit along the way from the shoulder girdle to the
+/// head joint: the middle of each bone, 0 at the girdle, 1 at the head joint. Files split that way
+/// at very different heights, so joints are matched by length, not by count.
+std::vector<double> neck_places(const Figure& figure, const Calibration& calibration) {
+  std::vector<std::int32_t> joints{figure.spine.empty() ? figure.at(Role::hips)
+                                                        : figure.spine.back()};
+  joints.insert(joints.end(), figure.neck.begin(), figure.neck.end());
+  if (figure.has(Role::head)) joints.push_back(figure.at(Role::head));
+  std::vector<double> at(joints.size(), 0.0);
+  for (std::size_t i = 1; i < joints.size(); ++i) {
+    at[i] =
+        at[i - 1] + (calibration.position(joints[i]) - calibration.position(joints[i - 1])).norm();
+  }
+  const double length = std::max(at.back(), 1e-6);
+  std::vector<double> middle;
+  for (std::size_t i = 0; i < at.size(); ++i) {
+    const double next = i + 1 < at.size() ? at[i + 1] : at[i] + 0.5 * length;
+    middle.push_back(0.5 * (at[i] + next) / length);
+  }
+  return middle;
+}
+
+/// The rotation at `place`, interpolated between bones whose middles lie at `places`.
+Quaterniond at_place(std::span<const Quaterniond> since, std::span<const double> places,
+                     double place) {
+  std::size_t i = 0;
+  while (i + 2 < places.size() && places[i + 1] <= place) ++i;
+  if (places.size() < 2) return since[0];
+  const double gap = places[i + 1] - places[i];
+  const double t = gap > 1e-9 ? std::clamp((place - places[i]) / gap, 0.0, 1.0) : 1.0;
+  return since[i].slerp(t, since[i + 1]);
+}
+
 /// World rotation since the T-pose that each target joint is to have, one frame at a time.
 class RotationTransfer {
  public:
@@ -34,6 +67,10 @@ class RotationTransfer {
         roles_(roles_by_joint(target.figure, target.character.skeleton.size())),
         carried_(target.character.skeleton.parents.size(), kNoJoint) {
     find_carried();
+    if (source.figure->is_body() && target.figure.is_body()) {
+      source_neck_ = neck_places(*source.figure, *source.calibration);
+      target_neck_ = neck_places(target.figure, target.calibration);
+    }
   }
 
   /// `since[joint]` for every target joint that has a role or is part of the trunk.
@@ -94,9 +131,8 @@ class RotationTransfer {
     std::vector<Quaterniond> neck{spine.back()};
     for (const std::int32_t j : from.neck) neck.push_back(turn(j));
     if (from.has(Role::head)) neck.push_back(turn(from.at(Role::head)));
-    const std::size_t joints = to.neck.size() + (to.has(Role::head) ? 1 : 0);
     for (std::size_t k = 0; k < to.neck.size(); ++k) {
-      since[to.neck[k]] = along_chain(neck, k + 1, joints);
+      since[to.neck[k]] = at_place(neck, source_neck_, target_neck_[k + 1]);
     }
     if (to.has(Role::head)) since[to.at(Role::head)] = neck.back();
   }
@@ -137,6 +173,7 @@ class RotationTransfer {
   FingerMode fingers_;
   std::vector<std::optional<Role>> roles_;
   std::vector<std::int32_t> carried_;
+  std::vector<double> source_neck_, target_neck_;
 };
 
 /// Places a source's points in the target's world: limbs scale with the leg (or the hand), the root
@@ -373,14 +410,28 @@ class Extraction {
       Placement place = placement_;
       place.centre = hip_centre(model);
       const Vector3d ankle = model[from.at(foot)].translation();
+      const Vector3d wider = since[target_.figure.at(Role::hips)] * hip_difference(side);
       path.source_ankle.push_back(ankle);
       path.source_toe.push_back(from.has(toes) ? model[from.at(toes)].translation() : ankle);
-      path.ankle.push_back(place(ankle));
+      path.ankle.push_back(place(ankle) + wider);
       path.foot_turn.push_back(since[target_.figure.at(foot)]);
       path.toes_turn.push_back(target_.figure.has(toes) ? since[target_.figure.at(toes)]
                                                         : path.foot_turn.back());
     }
     return path;
+  }
+
+  /// How far the target's hip joint lies from where the scaled source has it, in the T-pose's axes:
+  /// a wide pelvis stands with its feet as far apart as its legs hang, not as the source's do.
+  Vector3d hip_difference(Side side) const {
+    const Role hip = on_side(Role::leftUpperLeg, side);
+    const auto from_centre = [&](const Calibration& c, const Figure& figure) {
+      return Vector3d(c.position(figure.at(hip)) -
+                      0.5 * (c.position(figure.at(Role::leftUpperLeg)) +
+                             c.position(figure.at(Role::rightUpperLeg))));
+    };
+    return from_centre(target_.calibration, target_.figure) -
+           placement_.scale * from_centre(*source_.calibration, *source_.figure);
   }
 
   double from_height() const { return std::max(0.3, source_.calibration->height); }

@@ -229,6 +229,10 @@ class ClipJob {
     const MotionMetrics& m = *record_.metrics;
     if (m.pops > 0) {
       warn("motion-pops", fmt::format("{} joint-frames jump where the source does not", m.pops));
+      if (!m.pop_list.empty()) {
+        record_.warnings.back().joint = m.pop_list.front().role;
+        record_.warnings.back().frame = m.pop_list.front().frame;
+      }
     }
     if (m.output.slide_cm_s > m.source.slide_cm_s + kWarnSlideExcess) {
       warn("feet-slide", fmt::format("feet slide {:.1f} cm/s, the source's {:.1f}",

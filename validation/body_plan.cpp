@@ -199,17 +199,23 @@ void pair_by_shape(const Character& character, BodyPlan& plan) {
 
 constexpr std::array<std::string_view, 5> kFingers = {"thumb", "index", "middle", "ring", "little"};
 
+/// 0 thumb ... 4 little, -1 none. "RingPinky" is a little finger.
+std::int8_t finger_in(const std::string& lower_name) {
+  if (has(lower_name, "pinky") || has(lower_name, "pinkie")) return 4;
+  for (std::size_t f = kFingers.size(); f-- > 0;) {
+    if (has(lower_name, kFingers[f])) return static_cast<std::int8_t>(f);
+  }
+  return -1;
+}
+
 void find_fingers(const Skeleton& skeleton, BodyPlan& plan) {
   plan.fingers.assign(skeleton.parents.size(), -1);
   for (std::int32_t i = 0; i < skeleton.size(); ++i) {
-    const std::string name = lower(skeleton.names[i]), role = lower(plan.roles[i]);
-    for (std::size_t f = 0; f < kFingers.size(); ++f) {
-      const bool named = has(role, kFingers[f]) || has(name, kFingers[f]) ||
-                         (f == 4 && (has(name, "pinky") || has(name, "pinkie")));
-      if (named && plan.fingers[i] < 0) plan.fingers[i] = static_cast<std::int8_t>(f);
-    }
+    std::int8_t finger = finger_in(lower(plan.roles[i]));
+    if (finger < 0) finger = finger_in(lower(skeleton.names[i]));
     const std::int32_t parent = skeleton.parents[i];
-    if (plan.fingers[i] < 0 && parent != kNoJoint) plan.fingers[i] = plan.fingers[parent];
+    if (finger < 0 && parent != kNoJoint) finger = plan.fingers[parent];
+    plan.fingers[i] = finger;
   }
 }
 

@@ -60,6 +60,14 @@ void add_bone(Surface& s, const Eigen::Vector3d& from, const Eigen::Vector3d& to
   add_lathe(s, from, to, rings, color);
 }
 
+/// Joints that only mark where a bone ends.
+bool is_end(const std::string& name) {
+  for (const char* word : {"End", "end", "Nub", "nub", "Top", "Tip", "tip", "Site"}) {
+    if (name.find(word) != std::string::npos) return true;
+  }
+  return false;
+}
+
 }  // namespace
 
 void FigureModel::add_bones(Tinted tinted) {
@@ -101,8 +109,7 @@ Eigen::Vector3d FigureModel::onwards(std::int32_t joint) const {
 bool FigureModel::inside_head(std::int32_t joint) const {
   const Skeleton& skeleton = character_.skeleton;
   if (plan_.head == kNoJoint || skeleton.parents[joint] != plan_.head) return false;
-  const std::string& name = skeleton.names[joint];
-  if (name.find("Top") != std::string::npos || name.find("End") != std::string::npos) return true;
+  if (is_end(skeleton.names[joint])) return true;
   const Eigen::Vector3d way = skeleton.rest_parent_from_joint[joint].translation();
   return way.dot(onwards(plan_.head)) > 0.6 * way.norm();
 }
@@ -132,7 +139,8 @@ void FigureModel::add_bones_of(std::int32_t i, std::span<const std::int32_t> chi
   }
   // The head's ball; hands and feet that end in a joint get a stub, going on the same way.
   bone.ball = i == plan_.head;
-  const bool ends = children.empty() && (rest.translation().norm() >= 0.12 * longest || i == 0);
+  const bool ends = children.empty() && !is_end(skeleton.names[i]) &&
+                    (rest.translation().norm() >= 0.12 * longest || i == 0);
   if (!bone.ball && !ends) return;
   bone.to = kNoJoint;
   bone.radius =

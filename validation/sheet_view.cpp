@@ -20,7 +20,7 @@ Eigen::Vector3d flat(Eigen::Vector3d v) {
   return v;
 }
 
-/// Joint positions relative to the pelvis, of evenly picked frames.
+/// Joint positions relative to the pelvis (a hand: seen from its wrist), of evenly picked frames.
 struct Poses {
   std::vector<std::int64_t> frames;
   std::vector<Eigen::VectorXd> points;
@@ -37,7 +37,10 @@ Poses sample_poses(const SheetFigure& figure, const BodyPlan& plan) {
     model_from_local(skeleton, figure.clip->frame(frame), model);
     Eigen::VectorXd p(3 * skeleton.size());
     for (std::int32_t j = 0; j < skeleton.size(); ++j) {
-      p.segment<3>(3 * j) = model[j].translation() - flat(model[plan.pelvis].translation());
+      const DualQuaternion& base = model[plan.pelvis];
+      p.segment<3>(3 * j) = plan.hand_only
+                                ? base.conjugate().transform_point(model[j].translation())
+                                : model[j].translation() - flat(base.translation());
     }
     poses.frames.push_back(frame);
     poses.points.push_back(std::move(p));

@@ -95,7 +95,9 @@ TEST(Codes, AreSortedUniqueAndComplete) {
   for (std::size_t i = 0; i < codes.size(); ++i) {
     EXPECT_FALSE(codes[i].meaning.empty());
     EXPECT_FALSE(codes[i].way_out.empty());
-    if (i > 0) EXPECT_LT(codes[i - 1].code, codes[i].code);
+    if (i > 0) {
+      EXPECT_LT(codes[i - 1].code, codes[i].code);
+    }
     EXPECT_EQ(find_code(codes[i].code), &codes[i]);
   }
 }

@@ -70,7 +70,9 @@ BvhRotations read_bvh(const std::string& text) {
   return out;
 }
 
-Vector3d vector_of(const json& v) { return {v[0], v[1], v[2]}; }
+Vector3d vector_of(const json& v) {
+  return {v[0].get<double>(), v[1].get<double>(), v[2].get<double>()};
+}
 
 double outside(double x, const json& range) {
   return std::max({0.0, range[0].get<double>() - x, x - range[1].get<double>()});
@@ -97,7 +99,8 @@ double twist_of(const Matrix3d& r, const Vector3d& axis, Matrix3d& swing) {
 double excess(const json& joint, const Matrix3d& local) {
   const std::string type = joint["type"];
   const json& rest = joint["rest"];
-  const Matrix3d r = Eigen::Quaterniond(rest[0], rest[1], rest[2], rest[3])
+  const Matrix3d r = Eigen::Quaterniond(rest[0].get<double>(), rest[1].get<double>(),
+                                        rest[2].get<double>(), rest[3].get<double>())
                          .normalized()
                          .toRotationMatrix()
                          .transpose() *

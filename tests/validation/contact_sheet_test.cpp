@@ -201,6 +201,39 @@ TEST(BodyPlan, NamelessFiguresAreReadFromTheirShape) {
   EXPECT_EQ(plan_of(c).sides, named.sides);
 }
 
+TEST(BodyPlan, FingersAreToldApart) {
+  Character c;
+  c.skeleton.names = {"LeftHand",       "LeftHandRing1",     "LeftHandRingPinky1",
+                      "LeftHandThumb1", "LeftHandThumb1End", "LeftHandIndex1"};
+  c.skeleton.parents = {kNoJoint, 0, 0, 0, 3, 0};
+  c.skeleton.rest_parent_from_joint.resize(6);
+  const BodyPlan plan = plan_of(c);
+  EXPECT_EQ(plan.fingers, (std::vector<std::int8_t>{-1, 3, 4, 0, 0, 1}));
+  EXPECT_TRUE(plan.hand_only);
+}
+
+TEST(BodyPlan, OneHandOfABodyCanBeShownAlone) {
+  Character c = test::walker_skeleton();
+  for (const std::string side : {"left", "right"}) {
+    const std::int32_t hand = c.skeleton.find(side + "Hand");
+    for (const char* finger : {"ThumbProximal", "IndexProximal", "LittleProximal"}) {
+      c.skeleton.names.push_back(side + finger);
+      c.roles.push_back(side + finger);
+      c.skeleton.parents.push_back(hand);
+      c.skeleton.rest_parent_from_joint.push_back(
+          DualQuaternion::from_translation(Vector3d(side == "left" ? 0.1 : -0.1, 0, 0.02)));
+    }
+  }
+  EXPECT_FALSE(plan_of(c).hand_only);
+  const BodyPlan hand = hand_plan_of(c, BodySide::right);
+  EXPECT_TRUE(hand.hand_only);
+  EXPECT_EQ(c.skeleton.names[hand.crop], "rightHand");
+  EXPECT_EQ(std::count(hand.fingers.begin(), hand.fingers.end(), -1),
+            static_cast<std::ptrdiff_t>(hand.fingers.size()) - 3);
+  const std::vector<std::uint8_t> drawn = joints_below(c.skeleton, hand.crop);
+  EXPECT_EQ(std::count(drawn.begin(), drawn.end(), 1), 4);
+}
+
 TEST(SheetView, FacingFollowsTheFigure) {
   const Character c = test::walker_skeleton();
   const BodyPlan plan = plan_of(c);

@@ -19,6 +19,56 @@ Result<std::vector<std::byte>> no_external_files(std::string_view uri) {
   return Error{.code = "uri-refused", .message = "an export refers to " + std::string(uri)};
 }
 
+/// The rig without leaves that cannot move: readers leave them out, and they have no limits.
+Rig without_still_leaves(const Rig& rig) {
+  std::vector<std::uint8_t> needed(rig.joints.size(), 0);
+  for (std::size_t i = rig.joints.size(); i-- > 0;) {
+    needed[i] = needed[i] || rig.joints[i].type != JointType::fixed;
+    if (needed[i] && rig.joints[i].parent != kNoJoint) needed[rig.joints[i].parent] = 1;
+  }
+  Rig out;
+  std::vector<std::int32_t> row_of(rig.joints.size(), kNoJoint);
+  for (std::size_t i = 0; i < rig.joints.size(); ++i) {
+    if (!needed[i]) continue;
+    row_of[i] = out.size();
+    out.joints.push_back(rig.joints[i]);
+    const std::int32_t parent = rig.joints[i].parent;
+    out.joints.back().parent = parent == kNoJoint ? kNoJoint : row_of[parent];
+  }
+  return out;
+}
+
+/// A motion without the End Sites of a BVH, which other readers leave out.
+struct Bones {
+  Skeleton skeleton;
+  Clip clip;
+};
+
+Bones without_end_sites(const Character& character, const Clip& clip) {
+  Bones out;
+  std::vector<std::int32_t> kept, row_of(character.skeleton.parents.size(), kNoJoint);
+  const auto children = children_of(character.skeleton);
+  for (std::int32_t j = 0; j < character.skeleton.size(); ++j) {
+    const std::string& name = character.skeleton.names[j];
+    if (children[j].empty() && !character.deforming[j] && name.find("_End") != std::string::npos) {
+      continue;
+    }
+    row_of[j] = out.skeleton.size();
+    kept.push_back(j);
+    const std::int32_t parent = character.skeleton.parents[j];
+    out.skeleton.names.push_back(name);
+    out.skeleton.parents.push_back(parent == kNoJoint ? kNoJoint : row_of[parent]);
+    out.skeleton.rest_parent_from_joint.push_back(character.skeleton.rest_parent_from_joint[j]);
+  }
+  out.clip = clip;
+  out.clip.joints = out.skeleton.size();
+  out.clip.parent_from_joint.clear();
+  for (std::int64_t f = 0; f < clip.frames(); ++f) {
+    for (const std::int32_t j : kept) out.clip.parent_from_joint.push_back(clip.frame(f)[j]);
+  }
+  return out;
+}
+
 json read_and_compare(std::span<const std::byte> bytes, const std::string& format,
                       ReaderChoice reader, const Target& target, const Retargeted& meant,
                       bool limits) {
@@ -32,20 +82,21 @@ json read_and_compare(std::span<const std::byte> bytes, const std::string& forma
   if (imported->clips.empty()) return {{"fault", "the file holds no clip"}};
   CertificateOptions certificate;
   certificate.position_m = 1e-4;
-  auto report = compare_clips(target.character.skeleton, meant.clip, imported->character.skeleton,
+  const Bones bones = without_end_sites(target.character, meant.clip);
+  auto report = compare_clips(bones.skeleton, bones.clip, imported->character.skeleton,
                               imported->clips.front(), certificate);
   if (!report) return {{"fault", report.error().message}};
   json out{{"ok", report->ok}, {"error_m", report->position_m.value}, {"faults", report->faults}};
   if (limits) {
-    const auto rig_clip =
-        clip_on_rig(imported->character.skeleton, imported->clips.front(), meant.rig);
+    const Rig rig = without_still_leaves(meant.rig);
+    const auto rig_clip = clip_on_rig(imported->character.skeleton, imported->clips.front(), rig);
     if (!rig_clip) return {{"fault", "joints are missing"}};
-    const LimitReport checked = check_joint_limits(meant.rig, *rig_clip);
+    const LimitReport checked = check_joint_limits(rig, *rig_clip);
     out["limited_joints"] = checked.joints;
     out["violations"] = checked.violations;
     out["max_violation_deg"] = checked.max_violation_deg;
     if (!checked.worst.empty()) {
-      out["worst_joint"] = meant.rig.joints[checked.worst.front().joint].name;
+      out["worst_joint"] = rig.joints[checked.worst.front().joint].name;
       out["worst_frame"] = checked.worst.front().frame;
     }
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <optional>
 
 #include "pipeline/foot_contacts.h"
@@ -235,7 +236,7 @@ class Extraction {
   }
 
  private:
-  enum class Aim : std::uint8_t { root, rotation, hand, foot };
+  enum class Aim : std::uint8_t { root, rotation, hand, foot, carried };
   struct Plan {
     Aim aim;
     std::int32_t joint;
@@ -288,6 +289,12 @@ class Extraction {
       if (to.is_body()) choose_limbs(side);
       choose_fingers(side);
     }
+    // Nothing else holds a joint that follows its namesake: it would drift with its children's
+    // wishes.
+    for (const std::int32_t j : to.order) {
+      if (transfer_.carried(j) == kNoJoint) continue;
+      add(j, EffectorKind::orientation, Aim::carried, 0.0, 1.0, false);
+    }
   }
 
   void choose_limbs(Side side) {
@@ -326,10 +333,17 @@ class Extraction {
     }
   }
 
-  Vector3d hip_centre(std::span<const DualQuaternion> model) const {
-    const Figure& from = *source_.figure;
-    return 0.5 * (model[from.at(Role::leftUpperLeg)].translation() +
-                  model[from.at(Role::rightUpperLeg)].translation());
+  static Vector3d hip_centre(std::span<const DualQuaternion> model, const Figure& figure) {
+    return 0.5 * (model[figure.at(Role::leftUpperLeg)].translation() +
+                  model[figure.at(Role::rightUpperLeg)].translation());
+  }
+
+  /// Hip to ankle of the straight leg; the mean of both where a leg lacks a joint.
+  static double leg_length(const Calibration& calibration, const Figure& figure, Side side) {
+    const std::int32_t hip = figure.at(on_side(Role::leftUpperLeg, side));
+    const std::int32_t ankle = figure.at(on_side(Role::leftFoot, side));
+    if (hip == kNoJoint || ankle == kNoJoint) return calibration.leg_length;
+    return (calibration.position(hip) - calibration.position(ankle)).norm();
   }
 
   void measure_source() {
@@ -351,12 +365,15 @@ class Extraction {
     std::vector<double> lower;
     for (std::int64_t f = 0; f < track_.frames; ++f) {
       model_from_local(source_.character->skeleton, source_.clip->frame(f), model);
-      double y = hip_centre(model).y() - from.leg_length;
-      if (source_.figure->has(Role::leftFoot) && source_.figure->has(Role::rightFoot)) {
-        y = std::min(model[source_.figure->at(Role::leftFoot)].translation().y(),
-                     model[source_.figure->at(Role::rightFoot)].translation().y());
+      double y = std::numeric_limits<double>::infinity();
+      for (const Side side : {Side::left, Side::right}) {
+        const std::int32_t ankle = source_.figure->at(on_side(Role::leftFoot, side));
+        if (ankle == kNoJoint) continue;
+        const double longer = leg_length(from, *source_.figure, side) - from.leg_length;
+        y = std::min(y, model[ankle].translation().y() + longer);
       }
-      lower.push_back(y);
+      lower.push_back(std::isfinite(y) ? y
+                                       : hip_centre(model, *source_.figure).y() - from.leg_length);
     }
     placement_.stand_source = standing_height(lower);
     if (is_own_skeleton()) placement_.stand_target = placement_.stand_source;
@@ -402,36 +419,31 @@ class Extraction {
     FootPath path = make_foot(target_, side);
     path.rate_hz = source_.clip->rate_hz;
     path.speed_scale = from_height() / 1.75;
+    // Reach in the leg's own measure, from where the target's hip joint is: a wide pelvis stands
+    // with its feet as far apart as its legs hang, and legs of unequal length both reach the floor.
+    const Role thigh = on_side(Role::leftUpperLeg, side);
+    const Calibration& to = target_.calibration;
+    const Vector3d hip_offset =
+        to.position(target_.figure.at(thigh)) - hip_centre(to.model_from_joint, target_.figure);
+    const double leg_scale = leg_length(to, target_.figure, side) /
+                             std::max(1e-6, leg_length(*source_.calibration, from, side));
     std::vector<DualQuaternion> model(source_.character->skeleton.parents.size());
     std::vector<Quaterniond> since(row_of_.size());
     for (std::int64_t f = 0; f < track_.frames; ++f) {
       model_from_local(source_.character->skeleton, source_.clip->frame(f), model);
       transfer_.frame(model, since);
       Placement place = placement_;
-      place.centre = hip_centre(model);
+      place.centre = hip_centre(model, *source_.figure);
       const Vector3d ankle = model[from.at(foot)].translation();
-      const Vector3d wider = since[target_.figure.at(Role::hips)] * hip_difference(side);
       path.source_ankle.push_back(ankle);
       path.source_toe.push_back(from.has(toes) ? model[from.at(toes)].translation() : ankle);
-      path.ankle.push_back(place(ankle) + wider);
+      const Vector3d hip = place(place.centre) + since[target_.figure.at(Role::hips)] * hip_offset;
+      path.ankle.push_back(hip + leg_scale * (ankle - model[from.at(thigh)].translation()));
       path.foot_turn.push_back(since[target_.figure.at(foot)]);
       path.toes_turn.push_back(target_.figure.has(toes) ? since[target_.figure.at(toes)]
                                                         : path.foot_turn.back());
     }
     return path;
-  }
-
-  /// How far the target's hip joint lies from where the scaled source has it, in the T-pose's axes:
-  /// a wide pelvis stands with its feet as far apart as its legs hang, not as the source's do.
-  Vector3d hip_difference(Side side) const {
-    const Role hip = on_side(Role::leftUpperLeg, side);
-    const auto from_centre = [&](const Calibration& c, const Figure& figure) {
-      return Vector3d(c.position(figure.at(hip)) -
-                      0.5 * (c.position(figure.at(Role::leftUpperLeg)) +
-                             c.position(figure.at(Role::rightUpperLeg))));
-    };
-    return from_centre(target_.calibration, target_.figure) -
-           placement_.scale * from_centre(*source_.calibration, *source_.figure);
   }
 
   double from_height() const { return std::max(0.3, source_.calibration->height); }
@@ -477,10 +489,9 @@ class Extraction {
     if (row.type != JointType::free) return;
     Vector3d p_world;
     if (body()) {
-      placement_.centre = hip_centre(model);
+      placement_.centre = hip_centre(model, *source_.figure);
       const Calibration& to = target_.calibration;
-      const Vector3d centre_t = 0.5 * (to.position(target_.figure.at(Role::leftUpperLeg)) +
-                                       to.position(target_.figure.at(Role::rightUpperLeg)));
+      const Vector3d centre_t = hip_centre(to.model_from_joint, target_.figure);
       const std::int32_t hips = target_.figure.at(Role::hips);
       p_world = placement_(placement_.centre) - since[hips] * (centre_t - to.position(hips));
     } else {
@@ -506,9 +517,12 @@ class Extraction {
     for (std::size_t e = 0; e < plans_.size(); ++e) {
       const Plan& plan = plans_[e];
       EffectorTarget& target = track_.targets[std::size_t(f) * plans_.size() + e];
+      const DualQuaternion& guessed = world[row_of_[plan.joint]];
       const Quaterniond rotation =
-          since[plan.joint] * target_.calibration.model_from_joint[plan.joint].rotation();
-      Vector3d p = world[row_of_[plan.joint]].translation();
+          plan.aim == Aim::carried
+              ? guessed.rotation()
+              : since[plan.joint] * target_.calibration.model_from_joint[plan.joint].rotation();
+      Vector3d p = guessed.translation();
       if (plan.aim == Aim::hand && body()) p = hand_position(plan.side, model, world);
       if (plan.aim == Aim::foot && body()) {
         const auto& foot = plan.side == Side::left ? left_foot_ : right_foot_;
@@ -519,16 +533,18 @@ class Extraction {
     }
   }
 
-  /// Reach in the limb's own measure: shoulder to wrist, scaled by arm length.
+  /// Reach in the limb's own measure: shoulder to wrist, scaled by this arm's length.
   Vector3d hand_position(Side side, std::span<const DualQuaternion> model,
                          std::span<const DualQuaternion> world) const {
     const Figure& from = *source_.figure;
     const Role hand = on_side(Role::leftHand, side), arm = on_side(Role::leftUpperArm, side);
     const Vector3d reached = world[row_of_[target_.figure.at(hand)]].translation();
     if (!from.has(hand) || !from.has(arm) || !target_.figure.has(arm)) return reached;
-    const double ratio = source_.calibration->arm_length > 0.0
-                             ? target_.calibration.arm_length / source_.calibration->arm_length
-                             : 1.0;
+    const auto reach = [&](const Calibration& c, const Figure& figure) {
+      return (c.position(figure.at(hand)) - c.position(figure.at(arm))).norm();
+    };
+    const double ratio = reach(target_.calibration, target_.figure) /
+                         std::max(1e-6, reach(*source_.calibration, from));
     return world[row_of_[target_.figure.at(arm)]].translation() +
            ratio * (model[from.at(hand)].translation() - model[from.at(arm)].translation());
   }

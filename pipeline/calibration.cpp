@@ -379,6 +379,13 @@ Result<Calibration> calibrate(const Character& character, const Figure& figure,
   const Bones bones(character, figure, chosen->model);
   Quaterniond front = Quaterniond::Identity();
   if (figure.is_body()) front = yaw_to_front(ReferenceView(figure, chosen->model).forward());
+  // A frame of the clip is no pose that was made to stand: its pelvis is levelled as well.
+  Quaterniond level = front;
+  if (figure.is_body() && chosen->name == "motion") {
+    const Vector3d hip_line =
+        ReferenceView(figure, chosen->model).bone(Role::rightUpperLeg, Role::leftUpperLeg);
+    level = smallest_rotation(front * hip_line, Vector3d::UnitX()) * front;
+  }
   Corrections corrections(figure, bones, front);
   const auto roles = roles_by_joint(figure, character.skeleton.size());
   const std::size_t n = figure.order.size();
@@ -394,7 +401,9 @@ Result<Calibration> calibrate(const Character& character, const Figure& figure,
         std::find(figure.spine.begin(), figure.spine.end(), j) != figure.spine.end() ||
         std::find(figure.neck.begin(), figure.neck.end(), j) != figure.neck.end();
     const Quaterniond inherited = parent == kNoJoint ? front : correction[parent];
-    correction[j] = trunk ? front : corrections.of(roles[j], inherited);
+    correction[j] = j == figure.root() && figure.is_body() ? level
+                    : trunk                                ? front
+                                                           : corrections.of(roles[j], inherited);
     const Vector3d p = parent == kNoJoint
                            ? Vector3d(front * reference.translation())
                            : Vector3d(out.model_from_joint[parent].translation() +

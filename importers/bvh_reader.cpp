@@ -12,6 +12,7 @@
 #include "importers/figure_guess.h"
 #include "importers/frame_rate.h"
 #include "importers/joint_names.h"
+#include "importers/reference_frame.h"
 #include "importers/text_encoding.h"
 
 namespace limber {
@@ -137,25 +138,13 @@ double zero_angle_share(const BvhDocument& document, std::int64_t frame) {
   return all == 0 ? 0.0 : double(zeros) / double(all);
 }
 
-/// Largest rotation of any joint between two frames, rad.
-double largest_step(const Clip& clip, std::int64_t from, std::int64_t to) {
-  double largest = 0.0;
-  for (std::int32_t j = 0; j < clip.joints; ++j) {
-    largest = std::max(largest, rotation_angle(clip.frame(from)[j].real, clip.frame(to)[j].real));
-  }
-  return largest;
-}
-
 /// MotionBuilder conversions of the CMU library hold a reference pose in frame 0: nearly all angles
-/// are zero there, and the figure jumps to frame 1 as it never moves again.
+/// are zero there, and the figure jumps to frame 1.
 bool holds_reference_frame(const BvhDocument& document, const Clip& clip) {
   if (clip.frames() < 3) return false;
   const double zeros = zero_angle_share(document, 0);
   if (zeros < 0.7 || zeros - zero_angle_share(document, 1) < 0.2) return false;
-  const double jump = largest_step(clip, 0, 1);
-  const double next = largest_step(clip, 1, 2);
-  constexpr double kTenDegrees = std::numbers::pi / 18.0;
-  return jump > kTenDegrees && jump > 2.0 * next;
+  return jumps_from_first_frame(clip);
 }
 
 /// Unit and axes: from the options, else guessed. Motion and rest pose may use different axes.
@@ -189,19 +178,6 @@ void settle_space(Imported& imported, const ImportOptions& options) {
   }
   make_canonical(skeleton, imported.reference_pose, unit_m, canonical_from_motion);
   make_canonical(skeleton, skeleton.rest_parent_from_joint, unit_m, canonical_from_up(up.rest_up));
-}
-
-void drop_reference_frame(Imported& imported) {
-  Clip& clip = imported.clips.front();
-  const auto first = clip.frame(0);
-  imported.reference_pose.assign(first.begin(), first.end());
-  clip.parent_from_joint.erase(clip.parent_from_joint.begin(),
-                               clip.parent_from_joint.begin() + clip.joints);
-  clip.start_s = 1.0 / clip.rate_hz;
-  imported.facts.reference_frame_dropped = true;
-  imported.warnings.push_back(
-      {"bvh-reference-frame",
-       "frame 0 is a reference pose from which the motion jumps; it was dropped", "", 0});
 }
 
 Imported build(BvhDocument document, const ImportOptions& options) {

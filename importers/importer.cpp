@@ -12,6 +12,7 @@
 #include "importers/failure.h"
 #include "importers/file_resolver.h"
 #include "importers/gltf_reader.h"
+#include "importers/reference_frame.h"
 #include "importers/text_encoding.h"
 
 namespace limber {
@@ -118,6 +119,10 @@ Result<Imported> dispatch(std::span<const std::byte> bytes, const std::string& e
     if (imported) {
       imported->facts.reader_reason =
           own ? "asked for by option" : "no reader of our own for this format";
+      if (!options.keep_reference_frame && imported->clips.size() == 1 &&
+          starts_with_reference_frame(imported->character.skeleton, imported->clips.front())) {
+        drop_reference_frame(*imported);
+      }
     }
     return imported;
   }

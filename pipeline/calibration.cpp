@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 
 namespace limber {
 namespace {
@@ -206,6 +207,9 @@ class Corrections {
     return turned(*role, inherited, out);
   }
 
+  /// Corrections of feet that are known better than from the reference.
+  void set_planted(std::map<Role, Quaterniond> planted) { planted_ = std::move(planted); }
+
   double mean_turn_deg() const { return turns_ == 0 ? 0.0 : sum_deg_ / turns_; }
 
  private:
@@ -219,6 +223,7 @@ class Corrections {
 
   /// Feet keep their pitch (the reference stands on flat soles) and point forward.
   Quaterniond flat_foot(Role foot) const {
+    if (const auto planted = planted_.find(foot); planted != planted_.end()) return planted->second;
     Vector3d toes = front_ * bones_.along(foot);
     toes.y() = 0.0;
     if (toes.norm() < 1e-3 || toes.normalized().z() < 0.2) return front_;
@@ -228,6 +233,7 @@ class Corrections {
   const Figure& figure_;
   const Bones& bones_;
   Quaterniond front_;
+  std::map<Role, Quaterniond> planted_;
   double sum_deg_ = 0.0;
   int turns_ = 0;
 };
@@ -348,6 +354,31 @@ std::vector<Reference> candidates(const Character& character, const Figure& figu
   return out;
 }
 
+/// In a reference taken from the motion a foot may be in the air. Its flat sole is read from the
+/// frame in which ankle and toes are lowest, turned to point forward.
+std::map<Role, Quaterniond> planted_feet(const Character& character, const Figure& figure,
+                                         const Reference& reference, const Clip& clip) {
+  std::map<Role, Quaterniond> out;
+  std::vector<DualQuaternion> model(character.skeleton.parents.size());
+  for (const Side side : {Side::left, Side::right}) {
+    const Role foot = on_side(Role::leftFoot, side), toes = on_side(Role::leftToes, side);
+    if (!figure.has(foot) || !figure.has(toes)) continue;
+    double lowest = 1e9;
+    for (std::int64_t f = 0; f < clip.frames(); ++f) {
+      model_from_local(character.skeleton, clip.frame(f), model);
+      const Vector3d ankle = model[figure.at(foot)].translation();
+      const Vector3d toe = model[figure.at(toes)].translation();
+      if (ankle.y() + toe.y() >= lowest) continue;
+      lowest = ankle.y() + toe.y();
+      Vector3d forward = toe - ankle;
+      forward.y() = 0.0;
+      out[foot] = yaw_to_front(forward) * model[figure.at(foot)].rotation() *
+                  reference.model[figure.at(foot)].rotation().conjugate();
+    }
+  }
+  return out;
+}
+
 }  // namespace
 
 Result<Calibration> calibrate(const Character& character, const Figure& figure,
@@ -387,6 +418,9 @@ Result<Calibration> calibrate(const Character& character, const Figure& figure,
     level = smallest_rotation(front * hip_line, Vector3d::UnitX()) * front;
   }
   Corrections corrections(figure, bones, front);
+  if (figure.is_body() && clip != nullptr && chosen->name == "motion") {
+    corrections.set_planted(planted_feet(character, figure, *chosen, *clip));
+  }
   const auto roles = roles_by_joint(figure, character.skeleton.size());
   const std::size_t n = figure.order.size();
   std::vector<Quaterniond> correction(n, front);

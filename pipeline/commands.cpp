@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
+#include "assets/model/mannequin.h"
 #include "exporters/exporter.h"
 #include "importers/rig_json.h"
 #include "pipeline/codes.h"
@@ -251,40 +252,55 @@ int rig_new_command(const RigNewArgs& args) {
   return kAllPassed;
 }
 
+namespace {
+
+/// A rig and the figure that wears it: shipped, from a rig file, or a character's own.
+struct DressedRig {
+  Rig rig;
+  Character character;
+};
+
+Result<DressedRig> dressed_rig(const std::string& name_or_path) {
+  if (auto rig = shipped_rig(name_or_path)) return DressedRig{*rig, mannequin(*rig)};
+  if (fs::path(name_or_path).extension() == ".json") {
+    const auto text = read_text(name_or_path);
+    if (!text) return text.error();
+    auto rig = read_rig_json(*text);
+    if (!rig) {
+      rig.error().file = name_or_path;
+      return rig.error();
+    }
+    return DressedRig{*rig, mannequin(*rig)};
+  }
+  auto target = load_target(name_or_path, {});
+  if (!target) return target.error();
+  return DressedRig{std::move(target->rig), std::move(target->character)};
+}
+
+}  // namespace
+
 int rig_show_command(const RigShowArgs& args) {
-  auto target = load_target(args.rig, {});
-  if (!target && !shipped_rig(args.rig)) {
-    print_error(target.error());
+  const auto dressed = dressed_rig(args.rig);
+  if (!dressed) {
+    print_error(dressed.error());
     return kUsage;
   }
-  const Rig rig = shipped_rig(args.rig) ? *shipped_rig(args.rig) : target->rig;
-  if (args.json) {
-    fmt::print("{}\n", write_rig_json(rig));
-  } else {
-    for (const RigJoint& joint : rig.joints) {
-      std::string limits;
-      for (std::int32_t k = 0; k < dof_count(joint.type) && joint.limited(); ++k) {
-        limits += fmt::format(" [{:.0f}, {:.0f}]", joint.limits[k].min * 180.0 / M_PI,
-                              joint.limits[k].max * 180.0 / M_PI);
-      }
-      fmt::print("{:28} {:10}{}\n", joint.name, to_string(joint.type), limits);
+  if (args.json) fmt::print("{}\n", write_rig_json(dressed->rig));
+  for (const RigJoint& joint : dressed->rig.joints) {
+    if (args.json) break;
+    std::string limits;
+    for (std::int32_t k = 0; k < dof_count(joint.type) && joint.limited(); ++k) {
+      limits += fmt::format(" [{:.0f}, {:.0f}]", joint.limits[k].min * 180.0 / M_PI,
+                            joint.limits[k].max * 180.0 / M_PI);
     }
+    fmt::print("{:28} {:10}{}\n", joint.name, to_string(joint.type), limits);
   }
   if (args.sheet.empty()) return kAllPassed;
-  if (!target) {
-    print_error(target.error());
-    return kUsage;
-  }
-  auto png = draw_file_sheet(target->character, nullptr, rig.name);
-  if (!png) {
-    print_error(png.error());
-    return kEnvironment;
-  }
-  if (auto r = write_whole(args.sheet, *png); !r) {
-    print_error(r.error());
-    return kEnvironment;
-  }
-  return kAllPassed;
+  const auto png = draw_file_sheet(dressed->character, nullptr, dressed->rig.name);
+  const auto written = png ? write_whole(args.sheet, *png) : Result<void>(png.error());
+  if (written) return kAllPassed;
+  print_error(written.error());
+  return kEnvironment;
 }
 
 int sheet_command(const SheetArgs& args) {

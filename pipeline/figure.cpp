@@ -135,7 +135,7 @@ std::optional<Figure> identify_by_names(const Character& character) {
   const bool body = best.figure.is_body() && best.required >= kBodyRequired;
   const bool hand = best.figure.is_hand() && best.fingers >= kHandRequired;
   if (!body && !hand) return std::nullopt;
-  if (best.misplaced > 3) return std::nullopt;
+  if (4 * best.misplaced > best.total) return std::nullopt;
   if (hand && either_hand && best.figure.has_fingers(Side::right) &&
       side_by_shape(character, best.figure) == Side::left) {
     mirror_roles(best.figure);

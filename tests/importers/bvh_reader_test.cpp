@@ -121,7 +121,7 @@ TEST(BvhReader, ReferenceFrameIsDroppedAndTimeStampsStay) {
   const auto imported = import_text(text, "bvh");
   ASSERT_TRUE(imported);
   ASSERT_TRUE(imported->facts.reference_frame_dropped);
-  EXPECT_TRUE(has_warning(*imported, "bvh-reference-frame"));
+  EXPECT_TRUE(has_warning(*imported, "clip-reference-frame"));
   EXPECT_EQ(imported->facts.frames, 21);
   EXPECT_LT(largest_miss(*imported, 20), 1e-4);
   EXPECT_DOUBLE_EQ(imported->clips[0].start_s, 1.0 / 30.0);

@@ -124,6 +124,48 @@ TEST(Contract, ReportsHaveWhatTheyPromise) {
   EXPECT_EQ(report["output"]["files"].size(), 3U);
 }
 
+/// Verdicts of ajv on documents by the shipped report schema.
+json schema_verdicts(const Folder& folder, const json& documents) {
+  write_text(folder / "documents.json", documents.dump());
+  const auto root = limber_test::source_root();
+  const std::string command = "node '" + (root / "tests/data/schema_verdicts.mjs").string() +
+                              "' '" + (root / "assets/data/schemas/report.schema.json").string() +
+                              "' '" + (folder / "documents.json").string() + "' '" +
+                              (folder / "verdicts.json").string() + "'";
+  if (std::system(command.c_str()) != 0) return {};
+  return json::parse(text_of(folder / "verdicts.json"));
+}
+
+TEST(Contract, ReportsFollowTheirSchema) {
+  if (std::getenv("LIMBER_NODE_MODULES") == nullptr) {
+    GTEST_SKIP() << "npm packages not installed (LIMBER_NODE_MODULES)";
+  }
+  const Folder folder;
+  write_text(folder / "broken.bvh", "HIERARCHY\nROOT Hips\n{\n");
+  limber({"retarget", (folder / "broken.bvh").string(), body(), gestures(), "--target",
+          "biped-hands", "-o", (folder / "out").string()});
+  limber({"retarget", gestures(), "--target", "hand", "-o", (folder / "out").string(), "--limits",
+          "off", "--refine", "none"});
+  json documents = json::array();
+  for (const auto& entry : std::filesystem::directory_iterator(folder / "out")) {
+    const std::string name = entry.path().string();
+    if (name.ends_with(".report.json")) documents.push_back(json::parse(text_of(name)));
+  }
+  ASSERT_EQ(documents.size(), 4U);
+  const std::size_t good = documents.size();
+  json wrong = documents[0];
+  wrong["status"] = "perhaps";
+  documents.push_back(wrong);
+  wrong = documents[0];
+  wrong["surprise"] = 1;
+  documents.push_back(wrong);
+  const json verdicts = schema_verdicts(folder, documents);
+  ASSERT_EQ(verdicts.size(), documents.size());
+  for (std::size_t i = 0; i < documents.size(); ++i) {
+    EXPECT_EQ(verdicts[i]["valid"], i < good) << verdicts[i]["errors"];
+  }
+}
+
 TEST(Contract, SameInputSameBytesAtAnyProcessCount) {
   const Folder folder;
   for (const char* n : {"1", "2"}) {

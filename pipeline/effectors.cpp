@@ -271,12 +271,16 @@ class Extraction {
     const Figure& to = target_.figure;
     const std::int32_t root = to.root();
     const bool moves = target_.rig.joints[row_of_[root]].type == JointType::free;
-    add(root, moves ? EffectorKind::pose : EffectorKind::orientation, Aim::root, 1.0, 1.0, true);
+    add(root, moves ? EffectorKind::pose : EffectorKind::orientation, Aim::root, 0.5, 2.0, true);
     if (to.is_body()) {
+      // The pelvis is held between the hip joints, wherever the file put its root.
+      track_.effectors.back().offset =
+          target_.calibration.model_from_joint[root].conjugate().transform_point(
+              hip_centre(target_.calibration.model_from_joint, to));
       const double share = 0.5 / std::max<std::size_t>(1, to.spine.size());
       for (const std::int32_t j : to.spine) {
         const bool top = j == to.spine.back();
-        add(j, EffectorKind::orientation, Aim::rotation, 0.0, top ? 1.0 : share, top);
+        add(j, EffectorKind::orientation, Aim::rotation, 0.0, top ? 2.0 : share, top);
       }
       for (const std::int32_t j : to.neck) {
         add(j, EffectorKind::orientation, Aim::rotation, 0.0, 0.3, false);
@@ -310,15 +314,15 @@ class Extraction {
     if (on(Role::leftShoulder) != kNoJoint) {
       add(on(Role::leftShoulder), EffectorKind::orientation, Aim::rotation, 0.0, 0.5, false);
     }
-    bone(on(Role::leftUpperArm), 1.0, 0.1);
-    bone(on(Role::leftLowerArm), 1.0, 0.1);
+    bone(on(Role::leftUpperArm), 2.0, 0.1);
+    bone(on(Role::leftLowerArm), 2.0, 0.1);
     if (on(Role::leftHand) != kNoJoint) {
-      add(on(Role::leftHand), EffectorKind::pose, Aim::hand, 1.0, 0.7, true, side);
+      add(on(Role::leftHand), EffectorKind::pose, Aim::hand, 0.5, 0.7, true, side);
     }
-    bone(on(Role::leftUpperLeg), 0.5, 0.1);
-    bone(on(Role::leftLowerLeg), 0.5, 0.1);
+    bone(on(Role::leftUpperLeg), 1.5, 0.1);
+    bone(on(Role::leftLowerLeg), 1.5, 0.1);
     if (on(Role::leftFoot) != kNoJoint) {
-      add(on(Role::leftFoot), EffectorKind::pose, Aim::foot, 2.0, 1.0, true, side);
+      add(on(Role::leftFoot), EffectorKind::pose, Aim::foot, 2.0, 2.0, true, side);
     }
     if (on(Role::leftToes) != kNoJoint) {
       add(on(Role::leftToes), EffectorKind::orientation, Aim::rotation, 0.0, 0.3, false);
@@ -522,7 +526,7 @@ class Extraction {
           plan.aim == Aim::carried
               ? guessed.rotation()
               : since[plan.joint] * target_.calibration.model_from_joint[plan.joint].rotation();
-      Vector3d p = guessed.translation();
+      Vector3d p = guessed.transform_point(track_.effectors[e].offset);
       if (plan.aim == Aim::hand && body()) p = hand_position(plan.side, model, world);
       if (plan.aim == Aim::foot && body()) {
         const auto& foot = plan.side == Side::left ? left_foot_ : right_foot_;

@@ -95,12 +95,11 @@ double upright_cost(const Figure& figure, const std::vector<DualQuaternion>& mod
 /// Where the bone of a joint with a role ends: the next role's joint, else any child, else a guess.
 class Bones {
  public:
-  Bones(const Character& character, const Figure& figure, const std::vector<DualQuaternion>& model)
+  Bones(const Figure& figure, const std::vector<DualQuaternion>& model)
       : figure_(figure), model_(model), children_(model.size()) {
     for (const std::int32_t j : figure.order) {
       if (figure.parents[j] != kNoJoint) children_[figure.parents[j]].push_back(j);
     }
-    (void)character;
   }
 
   /// World vector along the bone in the reference pose; zero where nothing tells.
@@ -273,15 +272,18 @@ void measure(const Character& character, const Figure& figure, Calibration& cali
                ? (calibration.position(figure.at(a)) - calibration.position(figure.at(b))).norm()
                : 0.0;
   };
+  int legs = 0;
   for (const Side side : {Side::left, Side::right}) {
     const auto on = [&](Role role) { return on_side(role, side); };
-    calibration.leg_length += 0.5 * (distance(on(Role::leftUpperLeg), on(Role::leftLowerLeg)) +
-                                     distance(on(Role::leftLowerLeg), on(Role::leftFoot)));
-    calibration.arm_length += 0.5 * (distance(on(Role::leftUpperArm), on(Role::leftLowerArm)) +
-                                     distance(on(Role::leftLowerArm), on(Role::leftHand)));
+    if (figure.has(on(Role::leftLowerLeg)) && figure.has(on(Role::leftFoot))) {
+      calibration.leg_length += distance(on(Role::leftUpperLeg), on(Role::leftLowerLeg)) +
+                                distance(on(Role::leftLowerLeg), on(Role::leftFoot));
+      ++legs;
+    }
     const double hand = distance(on(Role::leftHand), on(Role::leftMiddleProximal));
     calibration.hand_length = std::max(calibration.hand_length, hand);
   }
+  calibration.leg_length /= std::max(1, legs);
   double top = -1e9;
   for (const DualQuaternion& q : calibration.model_from_joint) {
     top = std::max(top, q.translation().y());
@@ -381,6 +383,26 @@ std::map<Role, Quaterniond> planted_feet(const Character& character, const Figur
 
 }  // namespace
 
+double size_ratio(const Figure& source_figure, const Calibration& source,
+                  const Figure& target_figure, const Calibration& target) {
+  double source_sum = 0.0, target_sum = 0.0;
+  for (const Side side : {Side::left, Side::right}) {
+    for (const Role left : {Role::leftUpperLeg, Role::leftLowerLeg}) {
+      const Role a = on_side(left, side), b = role_at(index_of(a) + 1);
+      if (!source_figure.has(a) || !source_figure.has(b) || !target_figure.has(a) ||
+          !target_figure.has(b)) {
+        continue;
+      }
+      source_sum +=
+          (source.position(source_figure.at(a)) - source.position(source_figure.at(b))).norm();
+      target_sum +=
+          (target.position(target_figure.at(a)) - target.position(target_figure.at(b))).norm();
+    }
+  }
+  if (source_sum > 0.0 && target_sum > 0.0) return target_sum / source_sum;
+  return source.height > 0.0 && target.height > 0.0 ? target.height / source.height : 1.0;
+}
+
 Result<Calibration> calibrate(const Character& character, const Figure& figure,
                               const ReferenceChoice& choice,
                               std::span<const DualQuaternion> reference_pose, const Clip* clip) {
@@ -407,7 +429,7 @@ Result<Calibration> calibrate(const Character& character, const Figure& figure,
         .hint = "name a frame that stands upright with --reference frame:N"};
   }
 
-  const Bones bones(character, figure, chosen->model);
+  const Bones bones(figure, chosen->model);
   Quaterniond front = Quaterniond::Identity();
   if (figure.is_body()) front = yaw_to_front(ReferenceView(figure, chosen->model).forward());
   // A frame of the clip is no pose that was made to stand: its pelvis is levelled as well.

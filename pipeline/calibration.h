@@ -18,8 +18,7 @@ struct Calibration {
   std::vector<Eigen::Vector3d> tip;              ///< where each joint's bone ends, in its space
   std::string reference;                         ///< rest, bind, reference-frame, frame:N, motion
   double residual_deg = 0.0;  ///< mean turn that limbs needed to get there from the reference
-  double leg_length = 0.0;    ///< hip to ankle, mean of both (m); 0 without legs
-  double arm_length = 0.0;    ///< shoulder to wrist
+  double leg_length = 0.0;    ///< hip to ankle (m), mean of the legs that have both; else 0
   double hand_length = 0.0;   ///< wrist to the middle finger's first joint
   double ankle_height = 0.0;  ///< ankle above the sole
   double sole = 0.0;          ///< y of the sole in the T-pose
@@ -29,6 +28,11 @@ struct Calibration {
     return model_from_joint[joint].translation();
   }
 };
+
+/// Target size over source size, from the leg segments that both figures have; from their heights
+/// where they share none.
+double size_ratio(const Figure& source_figure, const Calibration& source,
+                  const Figure& target_figure, const Calibration& target);
 
 /// Where the T-pose is computed from.
 struct ReferenceChoice {

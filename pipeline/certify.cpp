@@ -109,7 +109,10 @@ FileCheck check_with(std::span<const std::byte> bytes, const std::string& format
   FileCheck check;
   check.reader = reader == ReaderChoice::assimp ? "assimp" : "limber-" + format;
   const auto answer = run_isolated(
-      [&] { return read_and_compare(bytes, format, reader, target, meant, limits).dump(); },
+      [&] {
+        return read_and_compare(bytes, format, reader, target, meant, limits)
+            .dump(-1, ' ', false, json::error_handler_t::replace);
+      },
       sandbox);
   if (!answer) {
     check.faults = {answer.error().message};

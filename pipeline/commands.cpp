@@ -144,10 +144,6 @@ void print_error(const Error& error) {
   if (!error.hint.empty()) fmt::print(stderr, "  {}\n", error.hint);
 }
 
-void print_warning(const std::string& file, const Warning& warning) {
-  fmt::print(stderr, "limber: {}: warning: {} [{}]\n", file, warning.message, warning.code);
-}
-
 int inspect_command(const InspectArgs& args) {
   json all = json::array();
   bool failed = false;
@@ -232,7 +228,17 @@ int rig_list_command(bool as_json) {
   return kAllPassed;
 }
 
-int rig_new_command(const RigNewArgs& args) {
+namespace {
+
+/// A command that parses files of strangers runs in a process of its own and prints from there.
+int isolated_command(const std::function<int()>& work) {
+  const auto answer = run_isolated([&] { return std::to_string(work()); });
+  if (answer) return std::atoi(answer->c_str());
+  print_error(answer.error());
+  return kUsage;
+}
+
+int rig_new(const RigNewArgs& args) {
   TargetOptions options;
   options.import = args.import;
   auto target = load_target(args.character, options);
@@ -251,8 +257,6 @@ int rig_new_command(const RigNewArgs& args) {
              target->calibration.reference, target->calibration.residual_deg);
   return kAllPassed;
 }
-
-namespace {
 
 /// A rig and the figure that wears it: shipped, from a rig file, or a character's own.
 struct DressedRig {
@@ -277,9 +281,7 @@ Result<DressedRig> dressed_rig(const std::string& name_or_path) {
   return DressedRig{std::move(target->rig), std::move(target->character)};
 }
 
-}  // namespace
-
-int rig_show_command(const RigShowArgs& args) {
+int rig_show(const RigShowArgs& args) {
   const auto dressed = dressed_rig(args.rig);
   if (!dressed) {
     print_error(dressed.error());
@@ -301,6 +303,16 @@ int rig_show_command(const RigShowArgs& args) {
   if (written) return kAllPassed;
   print_error(written.error());
   return kEnvironment;
+}
+
+}  // namespace
+
+int rig_new_command(const RigNewArgs& args) {
+  return isolated_command([&] { return rig_new(args); });
+}
+
+int rig_show_command(const RigShowArgs& args) {
+  return isolated_command([&] { return rig_show(args); });
 }
 
 int sheet_command(const SheetArgs& args) {

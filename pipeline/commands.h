@@ -77,6 +77,5 @@ int explain_command(const std::string& code);
 
 /// "file: message [code] (joint J, frame F)" and the way out, on standard error.
 void print_error(const Error&);
-void print_warning(const std::string& file, const Warning&);
 
 }  // namespace limber

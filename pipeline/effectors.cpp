@@ -199,7 +199,7 @@ class Extraction {
       track_.scale = placement_.scale;
       return;
     }
-    placement_.scale = from.leg_length > 0.0 ? to.leg_length / from.leg_length : 1.0;
+    placement_.scale = size_ratio(*source_.figure, from, target_.figure, target_.calibration);
     placement_.path_scale = options_.root == RootMode::scale  ? placement_.scale
                             : options_.root == RootMode::keep ? 1.0
                                                               : 0.0;
@@ -216,12 +216,14 @@ class Extraction {
         y = std::min(y, model[ankle].translation().y() + longer);
       }
       lower.push_back(std::isfinite(y) ? y
-                                       : hip_centre(model, *source_.figure).y() - from.leg_length);
+                                       : hip_centre(model, *source_.figure).y() -
+                                             to.leg_length / placement_.scale);
     }
     placement_.stand_source = standing_height(lower);
     if (is_own_skeleton()) placement_.stand_target = placement_.stand_source;
     track_.scale = placement_.scale;
     track_.ground_offset = placement_.stand_source - from.ankle_height;
+    track_.floor_y = placement_.stand_target - to.ankle_height;
   }
 
   /// The very same skeleton keeps its own ground: nothing is to change.
@@ -262,6 +264,7 @@ class Extraction {
     FootPath path = make_foot(target_, side);
     path.rate_hz = source_.clip->rate_hz;
     path.speed_scale = from_height() / 1.75;
+    path.floor_y = track_.floor_y;
     // Reach in the leg's own measure, from where the target's hip joint is: a wide pelvis stands
     // with its feet as far apart as its legs hang, and legs of unequal length both reach the floor.
     const Role thigh = on_side(Role::leftUpperLeg, side);
@@ -338,7 +341,8 @@ class Extraction {
       const std::int32_t hips = target_.figure.at(Role::hips);
       p_world = placement_(placement_.centre) - since[hips] * (centre_t - to.position(hips));
     } else {
-      p_world = placement_.scale * model[source_.figure->root()].translation();
+      const Role hand = on_side(Role::leftHand, target_.figure.hand_side());
+      p_world = placement_.scale * model[source_.figure->at(hand)].translation();
     }
     DualQuaternion world = DualQuaternion::identity();
     for (std::int32_t i = row.parent; i != kNoJoint; i = target_.rig.joints[i].parent) {
@@ -418,7 +422,7 @@ Result<EffectorTrack> extract_effectors(const SourceMotion& source, const Target
                   "retarget onto a hand, or name the body's joints in a map file");
   }
   if (to.is_hand()) {
-    const Side side = to.has(Role::rightHand) ? Side::right : Side::left;
+    const Side side = to.hand_side();
     if (!from.has(on_side(Role::leftHand, side)) || !from.has_fingers(side)) {
       return differ("the source has no fingers on the target's side",
                     "choose a hand of the other side, or a clip with fingers");

@@ -37,7 +37,8 @@ struct EffectorTrack {
   /// First guess: the source's calibrated rotations on the target's bones, not yet within limits.
   std::vector<DualQuaternion> guess;  ///< [frame * rows + row], row local
   double scale = 1.0;                 ///< target size / source size (leg, or hand length)
-  double ground_offset = 0.0;         ///< source height that becomes the target's floor (m)
+  double ground_offset = 0.0;         ///< y of the source's floor (m)
+  double floor_y = 0.0;               ///< y of the output's floor; 0 but for a figure's own clip
   std::vector<std::uint8_t> left_contact, right_contact;  ///< [frame]
 
   std::span<const EffectorTarget> at(std::int64_t frame) const {

@@ -194,15 +194,20 @@ void give_flat_hand_its_chains(const Character& character, Figure& figure) {
   }
 }
 
-/// Legs that hang beside the hips, not below them: what carries both is what moves as the hips.
+/// Legs or arms that hang beside the hips, not below them: what carries all is what moves as the
+/// hips.
 void find_moving_hips(const Character& character, Figure& figure) {
-  if (!figure.is_body() || !figure.has(Role::rightUpperLeg)) return;
+  if (!figure.is_body()) return;
   const auto& parents = character.skeleton.parents;
   std::int32_t hips = figure.at(Role::hips);
-  const auto carries = [&](Role leg) { return is_ancestor(parents, hips, figure.at(leg)); };
-  while (hips != kNoJoint && !(carries(Role::leftUpperLeg) && carries(Role::rightUpperLeg))) {
-    hips = parents[hips];
-  }
+  const auto carries_all = [&] {
+    for (const Role limb : {Role::leftUpperLeg, Role::rightUpperLeg, Role::leftUpperArm,
+                            Role::rightUpperArm, Role::head}) {
+      if (figure.has(limb) && !is_ancestor(parents, hips, figure.at(limb))) return false;
+    }
+    return true;
+  };
+  while (hips != kNoJoint && !carries_all()) hips = parents[hips];
   if (hips != kNoJoint) figure.joint[index_of(Role::hips)] = hips;
 }
 
@@ -361,7 +366,43 @@ Result<void> apply_overrides(const Character& character, const RoleOverrides& ov
     }
     figure.joint[index_of(*role)] = j;
   }
+  for (int r = 0; r < kRoleCount; ++r) {
+    for (int other = 0; other < r && figure.joint[r] != kNoJoint; ++other) {
+      if (figure.joint[other] != figure.joint[r]) continue;
+      return Error{.code = "map-joint-twice",
+                   .message = "one joint cannot be both " + std::string(name_of(role_at(other))) +
+                              " and " + std::string(name_of(role_at(r))),
+                   .joint = character.skeleton.names[figure.joint[r]],
+                   .hint = "give the joint one role in the map file"};
+    }
+  }
   return {};
+}
+
+/// A map that differs from the structure in spine or neck means its own list of joints.
+void apply_trunk_overrides(const Character& character, const RoleOverrides& overrides,
+                           Figure& figure) {
+  const auto listed = [&](std::initializer_list<Role> roles, std::vector<std::int32_t>& chain) {
+    bool differs = false;
+    std::vector<std::int32_t> joints;
+    for (const Role role : roles) {
+      const auto given = overrides.find(std::string(name_of(role)));
+      std::int32_t j = figure.at(role);
+      if (given != overrides.end()) j = character.skeleton.find(given->second);
+      differs = differs || j != figure.at(role);
+      if (j != kNoJoint) joints.push_back(j);
+    }
+    if (!differs) return;
+    chain = joints;
+    for (const Role role : roles) {
+      const auto given = overrides.find(std::string(name_of(role)));
+      if (given != overrides.end()) {
+        figure.joint[index_of(role)] = character.skeleton.find(given->second);
+      }
+    }
+  };
+  listed({Role::spine, Role::chest, Role::upperChest}, figure.spine);
+  listed({Role::neck}, figure.neck);
 }
 
 }  // namespace
@@ -375,7 +416,7 @@ bool Figure::has_fingers(Side side) const {
 
 std::int32_t Figure::root() const {
   if (is_body()) return at(Role::hips);
-  return has(Role::leftHand) ? at(Role::leftHand) : at(Role::rightHand);
+  return at(on_side(Role::leftHand, hand_side()));
 }
 
 std::vector<std::optional<Role>> roles_by_joint(const Figure& figure, std::int32_t joint_count) {
@@ -410,6 +451,7 @@ Result<Figure> identify_figure(const Character& character, const RoleOverrides& 
   figure.order = parents_first(figure.parents);
   find_trunk(character, figure);
   name_trunk(figure);
+  apply_trunk_overrides(character, overrides, figure);
   list_chains(figure);
   return figure;
 }

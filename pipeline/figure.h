@@ -32,15 +32,18 @@ struct Figure {
   std::string convention;           ///< the naming convention's name, or "topology"
   std::vector<FigureChain> chains;
   double confidence = 0.0;
-  Warnings warnings;
 
   Figure() { joint.fill(kNoJoint); }
   std::int32_t at(Role role) const { return joint[index_of(role)]; }
   bool has(Role role) const { return at(role) != kNoJoint; }
-  bool is_body() const { return has(Role::hips) && has(Role::leftUpperLeg); }
+  bool is_body() const {
+    return has(Role::hips) && has(Role::leftUpperLeg) && has(Role::rightUpperLeg);
+  }
   /// True for a hand without a body.
   bool is_hand() const { return !is_body() && (has(Role::leftHand) || has(Role::rightHand)); }
   bool has_fingers(Side) const;
+  /// The side of a lone hand; the right one where there are two.
+  Side hand_side() const { return has(Role::rightHand) ? Side::right : Side::left; }
   /// The joint the whole figure hangs on: hips, or the hand of a lone hand.
   std::int32_t root() const;
 };

@@ -12,6 +12,9 @@
 namespace limber {
 namespace {
 
+/// One process writes one file at a time, so its number tells temporaries apart.
+constexpr const char* kTemporaryPrefix = ".limber-";
+
 Error cannot_read(const std::filesystem::path& path, int error) {
   const bool missing = error == ENOENT || error == ENOTDIR;
   return Error{.code = missing ? "file-missing" : "file-unreadable",
@@ -87,7 +90,7 @@ std::string sha256_hex(std::span<const std::byte> bytes) {
 
 Result<void> write_whole(const std::filesystem::path& path, std::span<const std::byte> bytes) {
   const std::filesystem::path temporary =
-      path.parent_path() / fmt::format(".{}.{}.tmp", path.filename().string(), ::getpid());
+      path.parent_path() / fmt::format("{}{}.tmp", kTemporaryPrefix, ::getpid());
   {
     Descriptor fd(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666));
     if (fd.get() < 0) return cannot_write(path, errno);
@@ -118,19 +121,38 @@ Result<void> write_whole(const std::filesystem::path& path, std::string_view tex
 }
 
 std::string safe_name(std::string_view name) {
+  constexpr std::size_t kLongest = 72;
   std::string out;
   for (const char c : name) {
     const auto u = static_cast<unsigned char>(c);
     const bool bad = u < 0x20 || u == 0x7f || std::strchr("/\\:*?\"<>|#", c) != nullptr;
     out += bad ? '_' : c;
-    if (out.size() >= 120) break;
+  }
+  if (out.size() > kLongest) {
+    std::size_t end = kLongest;  // back to the first byte of a character
+    while (end > 0 && (static_cast<unsigned char>(out[end]) & 0xC0) == 0x80) --end;
+    out.resize(end);
   }
   while (!out.empty() && (out.back() == '.' || out.back() == ' ')) out.pop_back();
-  while (!out.empty() && (static_cast<unsigned char>(out.back()) & 0xC0) == 0x80 &&
-         out.size() >= 119) {
-    out.pop_back();  // never cut a UTF-8 sequence
+  return out.empty() ? "unnamed" : out;
+}
+
+std::string case_folded(std::string_view name) {
+  std::string out(name);
+  for (char& c : out) {
+    if (c >= 'A' && c <= 'Z') c = static_cast<char>(c - 'A' + 'a');
   }
-  return out.empty() || out == "." || out == ".." ? "unnamed" : out;
+  return out;
+}
+
+void remove_temporaries(const std::filesystem::path& folder) {
+  std::error_code ignored;
+  for (const auto& entry : std::filesystem::directory_iterator(folder, ignored)) {
+    const std::string name = entry.path().filename().string();
+    if (name.starts_with(kTemporaryPrefix) && name.ends_with(".tmp")) {
+      std::filesystem::remove(entry.path(), ignored);
+    }
+  }
 }
 
 }  // namespace limber

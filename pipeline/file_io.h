@@ -21,8 +21,14 @@ std::string sha256_hex(std::span<const std::byte>);
 Result<void> write_whole(const std::filesystem::path&, std::span<const std::byte>);
 Result<void> write_whole(const std::filesystem::path&, std::string_view);
 
-/// A file name that works anywhere: separators, control characters and reserved names replaced,
-/// at most 120 bytes, never empty.
+/// A part of a file name that works anywhere: separators and control characters replaced, at most
+/// 72 bytes of whole UTF-8 characters (three parts and a suffix stay below 255), never empty.
 std::string safe_name(std::string_view);
+
+/// The key by which names are told apart: file systems may ignore the case of ASCII letters.
+std::string case_folded(std::string_view);
+
+/// Removes temporaries that killed writers left in a folder.
+void remove_temporaries(const std::filesystem::path& folder);
 
 }  // namespace limber

@@ -96,8 +96,8 @@ void settle_soles(FootPath& path, const std::vector<Pin>& pin) {
   for (std::size_t f = 0; f < path.ankle.size(); ++f) {
     const Vector3d ball = path.foot_turn[f] * path.ball;
     const Vector3d tip = ball + path.toes_turn[f] * (path.tip - path.ball);
-    const double lowest =
-        path.ankle[f].y() + std::min({(path.foot_turn[f] * path.heel).y(), ball.y(), tip.y()});
+    const double lowest = path.ankle[f].y() - path.floor_y +
+                          std::min({(path.foot_turn[f] * path.heel).y(), ball.y(), tip.y()});
     path.ankle[f].y() -= lowest < 0.0 ? lowest : standing[f] * std::min(lowest, kMaxSettleM);
   }
 }

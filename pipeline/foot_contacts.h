@@ -18,6 +18,7 @@ struct FootPath {
   std::vector<Eigen::Quaterniond> foot_turn, toes_turn;   ///< [frame], world, since the T-pose
   std::vector<Eigen::Vector3d> ankle;                     ///< [frame], target world; in and out
   std::vector<std::uint8_t> contact;                      ///< [frame], out
+  double floor_y = 0.0;                                   ///< of the target's world
 
   /// From the ankle, in the T-pose's axes (m): sole points and the toe joint.
   Eigen::Vector3d heel, ball, toe_joint, tip;
@@ -28,7 +29,7 @@ FootPath make_foot(const Target&, Side);
 
 /// Pins the foot while the source's stands: the ankle, or the toes once the heel has left the
 /// floor, keeps its place; what that moves the foot by is taken back while it swings. Keeps every
-/// sole point on or above the floor (y = 0), and on it while the foot stands. The floor levels are
+/// sole point on or above the floor, and on it while the foot stands. The floor levels are
 /// the heights of the source's ankles and toes when they stand.
 void plant(FootPath&, double source_ankle_floor, double source_toe_floor);
 

@@ -92,6 +92,8 @@ void write_all(int fd, const std::string& text) {
   } catch (const std::exception& e) {
     std::fprintf(stderr, "limber: %s\n", e.what());
     code = 5;
+  } catch (...) {
+    code = 5;
   }
   ::close(answer_fd);
   std::fflush(nullptr);

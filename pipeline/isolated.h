@@ -32,7 +32,7 @@ Result<IsolatedChild> start_isolated(const std::function<std::string()>& work, S
 /// Waits for the child and collects its answer.
 Result<std::string> finish_isolated(IsolatedChild);
 
-/// What confines a child here, in words: "seccomp, no-new-privileges, limits" or "limits".
+/// What confines a child here, in words.
 std::string sandbox_level();
 bool sandbox_available();
 

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "exporters/exporter.h"
 #include "pipeline/certify.h"
@@ -23,6 +24,7 @@ using nlohmann::json;
 constexpr double kWarnGapPercent = 5.0;
 constexpr double kWarnSlideExcess = 2.0;        // cm/s beyond the source's own
 constexpr double kWarnPenetrationExcess = 1.0;  // cm
+constexpr double kWarnMissed = 0.08;            // effector error over stature
 constexpr double kMinConfidence = 0.6;
 
 /// What of a source all its clips share.
@@ -71,6 +73,11 @@ Result<void> set_range(const Clip& whole, const JobOptions& options, const Clip&
   retarget.range = {
       std::min(static_cast<std::int64_t>(std::ceil(double(first) * ratio - 1e-6)), end),
       std::min(static_cast<std::int64_t>(std::floor(double(last) * ratio + 1e-6)), end)};
+  if (retarget.range->first > retarget.range->second) {
+    return Error{.code = "range-empty",
+                 .message = "no frame of the output rate lies within the range",
+                 .hint = "give a longer --range or a higher --rate"};
+  }
   return {};
 }
 
@@ -96,13 +103,12 @@ class ClipJob {
     record_.source_clip = whole_.name;
     record_.source = source_.imported.facts;
     record_.source->rate_hz = whole_.rate_hz;
+    if (source_.imported.clips.size() > 1) record_.source->frames = whole_.frames();
     record_.convention = source_.figure.convention;
     record_.source_figure = source_.figure;
     record_.source_skeleton = &source_.imported.character.skeleton;
     record_.target = &target_;
     record_.warnings = source_.imported.warnings;
-    record_.warnings.insert(record_.warnings.end(), source_.figure.warnings.begin(),
-                            source_.figure.warnings.end());
     for (const Warning& w : target_.warnings) record_.warnings.push_back(w);
     if (auto r = work(); !r) {
       record_.status = Status::fail;
@@ -150,8 +156,8 @@ class ClipJob {
   MotionMetrics measure(const SourceMotion& motion) const {
     const SourceMotion output{&target_.character, &target_.figure, &target_.calibration,
                               &record_.result->clip};
-    return measure_against({motion, record_.result->track.ground_offset}, {output, 0.0},
-                           record_.result->track.scale);
+    const EffectorTrack& track = record_.result->track;
+    return measure_against({motion, track.ground_offset}, {output, track.floor_y}, track.scale);
   }
 
   Result<void> write_files() {
@@ -225,6 +231,13 @@ class ClipJob {
       warn("solver-gap", fmt::format("Ceres found poses {:.1f} % better (95th percentile)",
                                      percentile(gaps, 95.0)));
     }
+    const double missed = 1e-3 * percentile(record_.result->worst_error_mm, 95.0);
+    if (target_.figure.is_body() && missed > kWarnMissed * target_.calibration.height) {
+      warn("effectors-missed",
+           fmt::format(
+               "hands, feet or pelvis are {:.0f} mm from where they should be (95th percentile)",
+               1e3 * missed));
+    }
     if (!record_.metrics) return;
     const MotionMetrics& m = *record_.metrics;
     if (m.pops > 0) {
@@ -253,7 +266,6 @@ class ClipJob {
                         .message = ""};
     if (record_.result) {
       summary.frames = record_.result->clip.frames();
-      summary.worst_error_mm = percentile(record_.result->worst_error_mm, 100.0);
       summary.error_p95_mm = percentile(record_.result->worst_error_mm, 95.0);
       for (const FileCheck& check : record_.checks) {
         summary.violations = std::max(summary.violations, check.violations);
@@ -308,7 +320,7 @@ Result<Source> load_source(const std::string& path, const JobOptions& options) {
 
 /// Files of an earlier run with the same stem go first: outputs are replaced, never mixed.
 void remove_outputs(const fs::path& folder, const std::string& stem) {
-  for (const char* suffix : {".glb", ".bvh", ".png", ".map.json", ".report.json", ".timing.json"}) {
+  for (const char* suffix : {".glb", ".bvh", ".png", ".map.json", ".report.json"}) {
     std::error_code ignored;
     fs::remove(folder / (stem + suffix), ignored);
   }
@@ -360,16 +372,15 @@ std::vector<ClipSummary> run_source(const std::string& source_path, const std::s
   auto clips = chosen_clips(source->imported, options);
   if (!clips) return {refuse(source_path, plain, &target, clips.error(), options)};
   std::vector<ClipSummary> out;
-  std::vector<std::string> used;
+  std::set<std::string> used;
   for (const Clip* clip : *clips) {
     std::string name = stem;
     if (source->imported.clips.size() > 1) {
       name += "#" + safe_name(clip->name);
       const std::string base = name;
-      for (int k = 2; std::find(used.begin(), used.end(), name) != used.end(); ++k) {
+      for (int k = 2; !used.insert(case_folded(name)).second; ++k) {
         name = fmt::format("{}-{}", base, k);
       }
-      used.push_back(name);
     }
     name += "@" + safe_name(target.label);
     remove_outputs(options.output, name);
@@ -379,10 +390,9 @@ std::vector<ClipSummary> run_source(const std::string& source_path, const std::s
 }
 
 ClipSummary record_death(const std::string& source_path, const std::string& stem,
-                         const Target* target, const std::string& target_label, const Error& error,
+                         const std::string& target_label, const Error& error,
                          const JobOptions& options) {
-  JobOptions no_import = options;
-  return refuse(source_path, stem + "@" + safe_name(target_label), target, error, no_import);
+  return refuse(source_path, stem + "@" + safe_name(target_label), nullptr, error, options);
 }
 
 std::string to_json(const std::vector<ClipSummary>& summaries) {
@@ -394,7 +404,6 @@ std::string to_json(const std::vector<ClipSummary>& summaries) {
                    {"status", static_cast<int>(s.status)},
                    {"code", s.code},
                    {"message", s.message},
-                   {"worst_error_mm", s.worst_error_mm},
                    {"error_p95_mm", s.error_p95_mm},
                    {"violations", s.violations},
                    {"frames", s.frames}});
@@ -407,16 +416,25 @@ std::vector<ClipSummary> summaries_from_json(const std::string& text) {
   const json document = json::parse(text, nullptr, false);
   if (!document.is_array()) return out;
   for (const json& s : document) {
-    out.push_back({.source = s["source"],
-                   .clip = s["clip"],
-                   .stem = s["stem"],
-                   .status = static_cast<Status>(s["status"].get<int>()),
-                   .code = s["code"],
-                   .message = s["message"],
-                   .worst_error_mm = s["worst_error_mm"],
-                   .error_p95_mm = s["error_p95_mm"],
-                   .violations = s["violations"],
-                   .frames = s["frames"]});
+    if (!s.is_object()) return {};
+    const auto number = [&](const char* key) {
+      return s.contains(key) && s[key].is_number() ? s[key].get<double>() : 0.0;
+    };
+    const auto text_of = [&](const char* key) {
+      return s.contains(key) && s[key].is_string() ? s[key].get<std::string>() : std::string();
+    };
+    ClipSummary clip;
+    clip.source = text_of("source");
+    clip.clip = text_of("clip");
+    clip.stem = text_of("stem");
+    const double status = number("status");
+    clip.status = status == 0.0 ? Status::pass : status == 1.0 ? Status::warn : Status::fail;
+    clip.code = text_of("code");
+    clip.message = text_of("message");
+    clip.error_p95_mm = number("error_p95_mm");
+    clip.violations = static_cast<std::int64_t>(number("violations"));
+    clip.frames = static_cast<std::int64_t>(number("frames"));
+    out.push_back(std::move(clip));
   }
   return out;
 }

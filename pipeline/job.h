@@ -33,21 +33,19 @@ Result<TargetOptions> target_options(const JobOptions&);
 struct ClipSummary {
   std::string source, clip, stem;
   Status status = Status::fail;
-  std::string code, message;  ///< of the first error or warning
-  double worst_error_mm = 0.0, error_p95_mm = 0.0;
+  std::string code, message;  ///< of the first error, or else of the last warning
+  double error_p95_mm = 0.0;
   std::int64_t violations = 0, frames = 0;
 };
 
 /// Retargets every clip of one source (or the one that is named) and writes files, sheet and report
-/// for each. `stem` is the source's part of the output names. Never throws; a refused source gets
-/// a report alone.
+/// for each. `stem` is the source's part of the output names. A refused source gets a report alone.
 std::vector<ClipSummary> run_source(const std::string& source_path, const std::string& stem,
                                     const Target&, const JobOptions&);
 
 /// The same for a source whose process died: a report that says so.
 ClipSummary record_death(const std::string& source_path, const std::string& stem,
-                         const Target* target, const std::string& target_label, const Error&,
-                         const JobOptions&);
+                         const std::string& target_label, const Error&, const JobOptions&);
 
 std::string to_json(const std::vector<ClipSummary>&);
 std::vector<ClipSummary> summaries_from_json(const std::string&);

@@ -76,6 +76,9 @@ class ClipSolver {
     solver_ = &*solver;
     out_.rig_clip.joints = static_cast<std::int32_t>(rows_);
     out_.solver.name = name_of(options_.solver);
+    if (options_.solver != SolverChoice::ceres) {
+      out_.solver.relinearisations.assign(static_cast<std::size_t>(frames_), 0.0);
+    }
     Pass from_guess = empty_pass(), forward = empty_pass(), backward = empty_pass();
     for (std::int64_t f = 0; f < frames_; ++f) {
       if (auto r = solve(f, guess(f), from_guess); !r) return r;
@@ -126,14 +129,14 @@ class ClipSolver {
     }
     const IkReport report = solver_->solve(out_.track.at(f), result);
     pass.cost[f] = report.cost;
-    out_.solver.relinearisations.push_back(report.relinearisations);
+    out_.solver.relinearisations[f] += report.relinearisations;
     out_.solver.tree_passes += report.tree_passes;
     out_.solver.sweeps += report.sweeps;
     out_.solver.residual_max = std::max(out_.solver.residual_max, report.residual);
     return {};
   }
 
-  /// Joints that no effector pulls take this frame's rotation whatever the start was.
+  /// Joints that follow a namesake start from this frame's rotation whatever the start was.
   void follow_carried(std::int64_t f, std::span<DualQuaternion> result) const {
     for (std::size_t i = 0; i < rows_; ++i) {
       const RigJoint& row = out_.rig.joints[i];

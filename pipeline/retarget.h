@@ -13,7 +13,7 @@
 namespace limber {
 
 enum class SolverChoice : std::uint8_t { pgs, pgs_paper, ceres };
-enum class RefineMode : std::uint8_t { none, frame, clip };
+enum class RefineMode : std::uint8_t { none, frame };
 
 struct RetargetOptions {
   EffectorOptions effectors;
@@ -34,7 +34,7 @@ struct EffectorError {
 
 struct SolverFigures {
   std::string name;
-  std::vector<double> relinearisations;  ///< [frame]
+  std::vector<double> relinearisations;  ///< [frame of the whole clip], all passes together
   std::int64_t tree_passes = 0, sweeps = 0;
   double residual_max = 0.0;
 };

@@ -33,12 +33,9 @@ std::vector<std::string> unique_stems(const std::vector<std::string>& sources) {
   for (const std::string& source : sources) {
     const std::string base = safe_name(fs::path(source).stem().string());
     std::string stem = base;
-    const auto key = [](std::string s) {
-      std::transform(s.begin(), s.end(), s.begin(),
-                     [](unsigned char c) { return std::tolower(c); });
-      return s;
-    };
-    for (int k = 2; !used.insert(key(stem)).second; ++k) stem = fmt::format("{}-{}", base, k);
+    for (int k = 2; !used.insert(case_folded(stem)).second; ++k) {
+      stem = fmt::format("{}-{}", base, k);
+    }
     stems.push_back(stem);
   }
   return stems;
@@ -104,9 +101,12 @@ std::string work_on(const RetargetArgs& args, const std::string& source, const s
   return to_json(run_source(source, stem, *target, args.job));
 }
 
+constexpr std::chrono::seconds kWallLimit(300);  // for one source
+
 struct Running {
   IsolatedChild child;
   std::size_t source = 0;
+  std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
 };
 
 /// Runs every source in a process of its own, at most `processes` at a time.
@@ -128,8 +128,8 @@ std::vector<ClipSummary> run_all(const RetargetArgs& args, const std::string& ta
       const Error error =
           answer ? Error{.code = "process-failed", .message = "the clip's process gave no answer"}
                  : answer.error();
-      clips = {record_death(args.sources[done.source], stems[done.source], nullptr, target_label,
-                            error, args.job)};
+      clips = {record_death(args.sources[done.source], stems[done.source], target_label, error,
+                            args.job)};
     }
     progress.add(clips);
     by_source[done.source] = std::move(clips);
@@ -137,9 +137,12 @@ std::vector<ClipSummary> run_all(const RetargetArgs& args, const std::string& ta
   const auto finish_any = [&] {
     std::vector<pollfd> waits;
     for (const Running& r : running) waits.push_back({r.child.answer_fd, POLLIN | POLLHUP, 0});
-    ::poll(waits.data(), waits.size(), -1);
+    ::poll(waits.data(), waits.size(), 500);  // ms; an interrupt or a limit is seen that soon
+    const auto now = std::chrono::steady_clock::now();
     for (std::size_t k = 0; k < waits.size(); ++k) {
-      if (waits[k].revents != 0) return finish_one(k);
+      const bool late = now - running[k].start > kWallLimit;
+      if (late) ::kill(running[k].child.pid, SIGKILL);
+      if (late || waits[k].revents != 0) return finish_one(k);
     }
   };
   for (std::size_t i = 0; i < args.sources.size() && g_interrupted == 0; ++i) {
@@ -150,11 +153,15 @@ std::vector<ClipSummary> run_all(const RetargetArgs& args, const std::string& ta
       running.push_back({*child, i});
     } else {
       by_source[i] = {
-          record_death(args.sources[i], stems[i], nullptr, target_label, child.error(), args.job)};
+          record_death(args.sources[i], stems[i], target_label, child.error(), args.job)};
     }
   }
   while (!running.empty() && g_interrupted == 0) finish_any();
-  for (const Running& r : running) ::kill(r.child.pid, SIGKILL);
+  for (const Running& r : running) {
+    ::kill(r.child.pid, SIGKILL);
+    (void)finish_isolated(r.child);
+  }
+  if (!running.empty()) remove_temporaries(args.job.output);
   std::vector<ClipSummary> out;
   for (auto& [index, clips] : by_source) {
     out.insert(out.end(), clips.begin(), clips.end());
@@ -229,14 +236,15 @@ int retarget_command(const RetargetArgs& args) {
         const auto options = target_options(args.job);
         if (!options) return told(options.error());
         const auto target = load_target(args.target, *options);
-        return target ? json{{"label", target->label}}.dump() : told(target.error());
+        if (!target) return told(target.error());
+        return json{{"label", target->label}}.dump(-1, ' ', false, json::error_handler_t::replace);
       },
       args.job.sandbox);
   if (!checked) {
     Error error = checked.error();
     error.file = args.target;
     print_error(error);
-    return kUsage;
+    return error.code == "sandbox-unavailable" ? kEnvironment : kUsage;
   }
   const json target = json::parse(*checked, nullptr, false);
   if (target.contains("code")) {
@@ -265,7 +273,11 @@ int retarget_command(const RetargetArgs& args) {
   const std::vector<ClipSummary> clips = run_all(args, target["label"], progress);
   progress.close();
   print_summary(clips, args.job.output);
-  if (args.json) fmt::print("{}\n", summary_json(clips, args.job.output).dump(2));
+  if (args.json) {
+    fmt::print(
+        "{}\n",
+        summary_json(clips, args.job.output).dump(2, ' ', false, json::error_handler_t::replace));
+  }
   if (g_interrupted != 0) return kInterrupted;
   return count(clips, Status::fail) > 0 ? kSomeFailed : kAllPassed;
 }

@@ -132,7 +132,7 @@ void RotationTransfer::settle_hand(std::span<const DualQuaternion> model,
   const std::int32_t hand = target_.figure.root();
   const auto row = std::find(target_.joint_of_row.begin(), target_.joint_of_row.end(), hand);
   if (target_.rig.joints[row - target_.joint_of_row.begin()].type == JointType::free) return;
-  const Side side = target_.figure.has(Role::rightHand) ? Side::right : Side::left;
+  const Side side = target_.figure.hand_side();
   const std::int32_t forearm = source_.figure->at(on_side(Role::leftLowerArm, side));
   const Quaterniond against =
       forearm == kNoJoint ? Quaterniond::Identity()

@@ -91,22 +91,6 @@ Result<Target> target_from_character(Imported imported, const std::string& label
   target.calibration = std::move(*calibration);
   target.rig = limited_rig(target.character, target.figure, target.calibration, options.limits);
   target.rig.name = label;
-  if (options.rig) {
-    auto text = read_text(*options.rig);
-    if (!text) return text.error();
-    auto rig = read_rig_json(*text);
-    if (!rig) return rig.error();
-    for (const RigJoint& row : target.rig.joints) {
-      if (rig->find(row.name) == kNoJoint) {
-        return Error{.code = "rig-not-this-character",
-                     .message = "the rig lacks a joint of the character",
-                     .joint = row.name,
-                     .hint = "make it anew with `limber rig new`"};
-      }
-    }
-    rig->effectors.clear();
-    target.rig = std::move(*rig);
-  }
   finish(target);
   return target;
 }
@@ -200,17 +184,6 @@ Result<Target> load_target(const std::string& name_or_path, const TargetOptions&
   target->path = name_or_path;
   target->sha256 = sha256_hex(*bytes);
   return target;
-}
-
-void rig_local_from_model(const Target& target, std::span<const DualQuaternion> model_from_joint,
-                          std::span<DualQuaternion> row_local) {
-  for (std::size_t i = 0; i < target.joint_of_row.size(); ++i) {
-    const DualQuaternion& model = model_from_joint[target.joint_of_row[i]];
-    const std::int32_t parent = target.rig.joints[i].parent;
-    row_local[i] = parent == kNoJoint
-                       ? model
-                       : model_from_joint[target.joint_of_row[parent]].conjugate() * model;
-  }
 }
 
 void skeleton_local_from_rig(const Target& target, std::span<const DualQuaternion> row_local,

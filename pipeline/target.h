@@ -37,7 +37,6 @@ struct TargetOptions {
   bool limits = true;
   ImportOptions import;
   RoleOverrides roles;
-  std::optional<std::filesystem::path> rig;  ///< a rig file whose limits replace the computed ones
 };
 
 /// A shipped rig by name, or nothing. Its text is in assets/data/rigs.
@@ -51,9 +50,7 @@ Result<Target> load_target(const std::string& name_or_path, const TargetOptions&
 /// (assets/data/limits), turned into the joint's space by the calibration; the others are fixed.
 Rig limited_rig(const Character&, const Figure&, const Calibration&, bool limits);
 
-/// Poses of the rig's rows from a pose of the target's skeleton, and back (both model space).
-void rig_local_from_model(const Target&, std::span<const DualQuaternion> model_from_joint,
-                          std::span<DualQuaternion> row_local);
+/// A pose of the target's skeleton from a pose of the rig's rows, both local.
 void skeleton_local_from_rig(const Target&, std::span<const DualQuaternion> row_local,
                              std::span<DualQuaternion> parent_from_joint);
 

@@ -95,9 +95,8 @@ json check(const ValidateArgs& args) {
                        .hint = "give the rig that the file was made for"});
   }
   const LimitReport limits = check_joint_limits(rig, *on_rig);
-  const double scale = source->calibration.leg_length > 0.0 && output->calibration.leg_length > 0.0
-                           ? output->calibration.leg_length / source->calibration.leg_length
-                           : 1.0;
+  const double scale =
+      size_ratio(source->figure, source->calibration, output->figure, output->calibration);
   const MotionMetrics m = measure_against(source->measured(), output->measured(), scale);
   json worst = json::array();
   for (const LimitFinding& finding : limits.worst) {

@@ -144,6 +144,17 @@ void print_error(const Error& error) {
   if (!error.hint.empty()) fmt::print(stderr, "  {}\n", error.hint);
 }
 
+void print_error(const Error& error, bool as_json) {
+  print_error(error);
+  if (!as_json) return;
+  fmt::print("{}\n", dump({{"error",
+                            {{"code", error.code},
+                             {"message", error.message},
+                             {"file", error.file},
+                             {"joint", error.joint},
+                             {"hint", error.hint}}}}));
+}
+
 int inspect_command(const InspectArgs& args) {
   json all = json::array();
   bool failed = false;
@@ -206,7 +217,8 @@ int map_command(const MapArgs& args) {
     }
   }
   if (!answer.contains("error")) return kAllPassed;
-  print_error(error_of(answer, answer.value("file", args.source)));
+  print_error(error_of(answer, answer.value("file", args.source)),
+              args.json && !answer.contains("map"));
   return answer.value("usage", false) ? kUsage : kSomeFailed;
 }
 
@@ -334,11 +346,14 @@ int sheet_command(const SheetArgs& args) {
           draw_file_sheet(imported->character, clip, fs::path(args.files[i]).filename().string());
       if (!png) return failed_with(png.error());
       const auto r = write_whole(output, *png);
-      return r ? json::object() : failed_with(r.error());
+      if (r) return json::object();
+      json out = failed_with(r.error());
+      out["file"] = output.string();
+      return out;
     });
     if (answer.contains("error")) {
       failed = true;
-      print_error(error_of(answer, args.files[i]));
+      print_error(error_of(answer, answer.value("file", args.files[i])));
     } else {
       fmt::print(stderr, "{}\n", output.string());
     }

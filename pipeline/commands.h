@@ -77,5 +77,7 @@ int explain_command(const std::string& code);
 
 /// "file: message [code] (joint J, frame F)" and the way out, on standard error.
 void print_error(const Error&);
+/// The same, and with `json` the document {"error": {code, message, ...}} on standard output.
+void print_error(const Error&, bool json);
 
 }  // namespace limber

@@ -27,6 +27,15 @@ constexpr double kWarnPenetrationExcess = 1.0;  // cm
 constexpr double kWarnMissed = 0.08;            // effector error over stature
 constexpr double kMinConfidence = 0.6;
 
+/// Import warnings that tell of something lost or invented; the others tell of a harmless repair.
+bool tells_of_a_loss(const Warning& warning) {
+  static const std::set<std::string, std::less<>> kLosses = {
+      "bvh-partial-frame", "bvh-frame-count",   "mesh-invalid", "scale-animated",
+      "scale-mirrored",    "scale-not-uniform", "scale-zero",   "unit-implausible",
+      "weights-invalid",   "weights-missing"};
+  return kLosses.contains(warning.code);
+}
+
 /// What of a source all its clips share.
 struct Source {
   std::string path, sha256;
@@ -110,6 +119,9 @@ class ClipJob {
     record_.target = &target_;
     record_.warnings = source_.imported.warnings;
     for (const Warning& w : target_.warnings) record_.warnings.push_back(w);
+    for (const Warning& w : record_.warnings) {
+      if (tells_of_a_loss(w)) record_.status = Status::warn;
+    }
     if (auto r = work(); !r) {
       record_.status = Status::fail;
       record_.errors.push_back(in_file(r.error(), source_.path));
@@ -135,9 +147,10 @@ class ClipJob {
     if (retarget.range) clip_ = cut(clip_, *retarget.range);
     if (auto r = validate(target_.character.skeleton, record_.result->clip); !r) return r;
     record_.metrics = measure(motion);
-    if (auto r = write_files(); !r) return r;
+    if (auto r = make_files(); !r) return r;
     judge();
-    return write_sheet(motion);
+    if (auto r = make_sheet(motion); !r) return r;
+    return publish();
   }
 
   /// The clip is refused, and the map that was found is written for the user to mend.
@@ -160,7 +173,7 @@ class ClipJob {
     return measure_against({motion, track.ground_offset}, {output, track.floor_y}, track.scale);
   }
 
-  Result<void> write_files() {
+  Result<void> make_files() {
     for (const std::string& format : options_.formats) {
       std::vector<std::byte> bytes;
       if (format == "glb") {
@@ -173,26 +186,34 @@ class ClipJob {
         const auto text = std::as_bytes(std::span(bvh->data(), bvh->size()));
         bytes.assign(text.begin(), text.end());
       }
-      if (auto r = write(format, bytes); !r) return r;
       FileCheck check = certify(bytes, format, target_, *record_.result, options_.retarget.limits,
                                 options_.sandbox);
+      keep(format, std::move(bytes));
       check.path = record_.files.back().path;
       record_.checks.push_back(std::move(check));
     }
     return {};
   }
 
-  Result<void> write(const std::string& extension, std::span<const std::byte> bytes) {
-    const std::string name = stem_ + "." + extension;
-    if (auto r = write_whole(options_.output / name, bytes); !r) return r;
-    record_.files.push_back({name, sha256_hex(bytes), static_cast<std::int64_t>(bytes.size())});
+  /// Files wait in memory until the clip is judged: what can be seen in the folder is complete.
+  void keep(const std::string& extension, std::vector<std::byte> bytes) {
+    record_.files.push_back(
+        {stem_ + "." + extension, sha256_hex(bytes), static_cast<std::int64_t>(bytes.size())});
+    contents_.push_back(std::move(bytes));
+  }
+
+  Result<void> publish() {
+    for (std::size_t i = 0; i < contents_.size(); ++i) {
+      if (auto r = write_whole(options_.output / record_.files[i].path, contents_[i]); !r) return r;
+    }
     return {};
   }
 
-  Result<void> write_sheet(const SourceMotion& motion) {
+  Result<void> make_sheet(const SourceMotion& motion) {
     auto png = draw_clip_sheet(record_, motion, stem_);
     if (!png) return png.error();
-    return write("png", *png);
+    keep("png", std::move(*png));
+    return {};
   }
 
   /// The verdict: a broken promise fails the clip, doubtful looks are a warning.
@@ -293,6 +314,7 @@ class ClipJob {
   const JobOptions& options_;
   Clip clip_;
   ClipRecord record_;
+  std::vector<std::vector<std::byte>> contents_;  // of record_.files
 };
 
 Result<Source> load_source(const std::string& path, const JobOptions& options) {

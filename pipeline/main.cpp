@@ -1,6 +1,9 @@
 #include <fmt/format.h>
+#include <unistd.h>
 
 #include <CLI/CLI.hpp>
+#include <cmath>
+#include <csignal>
 #include <exception>
 #include <sstream>
 
@@ -151,7 +154,8 @@ class Program {
     c->add_option("--clip", clip_, "only the clip of this name");
     c->add_option("--range", range_, "only the frames FIRST:LAST");
     c->add_option("--map", map_file_, "a map file made by `limber map`");
-    c->add_option("--rate", rate_, "sample rate of the output, Hz")->check(CLI::PositiveNumber);
+    c->add_option("--rate", rate_, "sample rate of the output, 1 to 1000 Hz")
+        ->check(CLI::Range(1.0, 1000.0));
     c->add_option("--formats", formats_, "comma-separated: glb, bvh")
         ->delimiter(',')
         ->check(CLI::IsMember({"glb", "bvh"}));
@@ -181,6 +185,7 @@ class Program {
     job.reference = parse_reference(reference_);
     if (!clip_.empty()) job.clip = clip_;
     if (!range_.empty()) job.range = parse_range(range_);
+    if (std::isnan(rate_)) throw CLI::ValidationError("--rate", "expected 1 to 1000");
     if (rate_ > 0.0) job.rate_hz = rate_;
     if (!map_file_.empty()) job.map = map_file_;
     if (!formats_.empty()) job.formats = formats_;
@@ -269,6 +274,9 @@ class Program {
 }  // namespace limber
 
 int main(int argc, char** argv) {
+  // Children die with their parent; retarget replaces this by a handler that cleans up.
+  std::signal(SIGINT, [](int) { ::_exit(limber::kInterrupted); });
+  std::signal(SIGTERM, [](int) { ::_exit(limber::kInterrupted); });
   try {
     return limber::Program().run(argc, argv);
   } catch (const std::exception& e) {

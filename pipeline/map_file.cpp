@@ -20,6 +20,9 @@ Result<MapFile> read_map_file(const std::filesystem::path& path) {
   if (!document.is_object() || document.value("format", "") != "limber-map/1") {
     return invalid("/format: expected \"limber-map/1\"");
   }
+  if (!document.contains("source") && !document.contains("target")) {
+    return invalid("/source, /target: the map says nothing of either side");
+  }
   MapFile map;
   for (const char* side : {"source", "target"}) {
     if (!document.contains(side)) continue;

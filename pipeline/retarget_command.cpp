@@ -243,7 +243,7 @@ int retarget_command(const RetargetArgs& args) {
   if (!checked) {
     Error error = checked.error();
     error.file = args.target;
-    print_error(error);
+    print_error(error, args.json);
     return error.code == "sandbox-unavailable" ? kEnvironment : kUsage;
   }
   const json target = json::parse(*checked, nullptr, false);
@@ -252,16 +252,21 @@ int retarget_command(const RetargetArgs& args) {
                  .message = target["message"],
                  .file = target["file"],
                  .joint = target["joint"],
-                 .hint = target["hint"]});
+                 .hint = target["hint"]},
+                args.json);
     return kUsage;
   }
   std::error_code error;
   fs::create_directories(args.job.output, error);
+  if (!error && ::access(args.job.output.c_str(), W_OK) != 0) {
+    error = std::error_code(errno, std::generic_category());
+  }
   if (error) {
     print_error({.code = "output-unwritable",
                  .message = error.message(),
                  .file = args.job.output.string(),
-                 .hint = "choose another folder with -o"});
+                 .hint = "choose another folder with -o"},
+                args.json);
     return kEnvironment;
   }
   struct sigaction action {};

@@ -1,6 +1,8 @@
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
+#include <optional>
 
 #include "pipeline/commands.h"
 #include "pipeline/measure.h"
@@ -71,12 +73,32 @@ json error_json(const Error& e) {
             {"hint", e.hint}}}};
 }
 
+/// The shipped rig whose joints, hierarchy and bones the file has, if any.
+std::optional<Rig> rig_worn_by(const Skeleton& skeleton) {
+  for (const std::string& name : shipped_rig_names()) {
+    const auto rig = shipped_rig(name);
+    const bool same = std::all_of(rig->joints.begin(), rig->joints.end(), [&](const RigJoint& row) {
+      const std::int32_t j = skeleton.find(row.name);
+      if (j == kNoJoint || row.parent == kNoJoint) return j != kNoJoint;
+      const std::int32_t parent = skeleton.parents[j];
+      const Eigen::Vector3d t = skeleton.rest_parent_from_joint[j].translation();
+      return parent != kNoJoint && skeleton.names[parent] == rig->joints[row.parent].name &&
+             (t - row.offset).norm() < 1e-4;
+    });
+    const auto rows = static_cast<std::size_t>(rig->size());
+    if (same && rows + rows / 2 >= skeleton.names.size()) return rig;
+  }
+  return std::nullopt;
+}
+
 json check(const ValidateArgs& args) {
   const auto source = load_performance(args.source, false);
   if (!source) return error_json(source.error());
   const auto output = load_performance(args.file, true);
   if (!output) return error_json(output.error());
   Rig rig = limited_rig(output->imported.character, output->figure, output->calibration, true);
+  rig.name = "anatomical";
+  if (auto worn = rig_worn_by(output->imported.character.skeleton)) rig = std::move(*worn);
   if (!args.rig.empty()) {
     auto target = load_target(args.rig, {});
     if (!target) {
@@ -112,11 +134,15 @@ json check(const ValidateArgs& args) {
   const Clip& source_clip = source->imported.clips.front();
   const bool same_length =
       std::abs(source_clip.duration_s() - clip.duration_s()) < 1.0 / clip.rate_hz;
-  const bool pass = limits.violations == 0 && same_length;
+  json reasons = json::array();
+  if (limits.violations > 0) reasons.push_back("joints are beyond their limits");
+  if (!same_length) reasons.push_back("file and source differ in duration");
   return {{"schema", "limber-validation/1"},
           {"file", args.file},
           {"source", args.source},
-          {"status", pass ? "pass" : "fail"},
+          {"rig", rig.name},
+          {"status", reasons.empty() ? "pass" : "fail"},
+          {"reasons", reasons},
           {"frames", clip.frames()},
           {"rate_hz", clip.rate_hz},
           {"duration_s", clip.duration_s()},
@@ -142,7 +168,7 @@ int validate_command(const ValidateArgs& args) {
   if (!answer) {
     Error error = answer.error();
     error.file = args.file;
-    print_error(error);
+    print_error(error, args.json);
     return kSomeFailed;
   }
   const json found = json::parse(*answer, nullptr, false);
@@ -152,7 +178,8 @@ int validate_command(const ValidateArgs& args) {
                  .message = e["message"],
                  .file = e["file"],
                  .joint = e["joint"],
-                 .hint = e["hint"]});
+                 .hint = e["hint"]},
+                args.json);
     return found.value("usage", false) ? kUsage : kSomeFailed;
   }
   if (args.json) {
@@ -162,8 +189,9 @@ int validate_command(const ValidateArgs& args) {
                found["status"].get<std::string>(), found["frames"].get<std::int64_t>(),
                found["rate_hz"].get<double>(), found["duration_s"].get<double>(),
                found["source_duration_s"].get<double>());
-    fmt::print("  limits: {} violations in {} joints, worst {:.4f} degrees\n",
-               found["limits"]["violations"].get<std::int64_t>(),
+    for (const auto& reason : found["reasons"]) fmt::print("  {}\n", reason.get<std::string>());
+    fmt::print("  limits of {}: {} violations in {} joints, worst {:.4f} degrees\n",
+               found["rig"].get<std::string>(), found["limits"]["violations"].get<std::int64_t>(),
                found["limits"]["joints"].get<std::int64_t>(),
                found["limits"]["max_violation_deg"].get<double>());
     fmt::print("  feet slide {:.1f} cm/s (source {:.1f}), {} pops\n",

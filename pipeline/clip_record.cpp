@@ -128,20 +128,14 @@ json effectors_json(const Retargeted& result) {
 }
 
 json limits_json(const ClipRecord& record) {
-  std::int64_t joints = 0, violations = 0;
-  double worst = 0.0;
-  for (const FileCheck& check : record.checks) {
-    joints = std::max(joints, check.limited_joints);
-    violations = std::max(violations, check.violations);
-    worst = std::max(worst, check.max_violation_deg);
-  }
+  const FileCheck worst = worst_of(record.checks);
   json bent = json::array();
   for (const BentJoint& joint : record.result->bent) {
     bent.push_back({{"joint", joint.joint}, {"frames", joint.frames}});
   }
-  return {{"joints", joints},
-          {"violations", violations},
-          {"max_violation_deg", rounded(worst)},
+  return {{"joints", worst.limited_joints},
+          {"violations", worst.violations},
+          {"max_violation_deg", rounded(worst.max_violation_deg)},
           {"source_excess_deg", rounded(record.result->source_excess_deg)},
           {"bent", bent}};
 }
@@ -159,8 +153,7 @@ json contacts_json(const MotionMetrics& metrics) {
 
 json certificate_json(const std::vector<FileCheck>& checks) {
   json files = json::array();
-  bool ok = !checks.empty();
-  double worst = 0.0;
+  const FileCheck worst = worst_of(checks);
   for (const FileCheck& check : checks) {
     json entry{{"path", check.path}, {"reader", check.reader}};
     if (!check.reason.empty()) entry["reason"] = check.reason;
@@ -168,14 +161,12 @@ json certificate_json(const std::vector<FileCheck>& checks) {
     entry["violations"] = check.violations;
     entry["ok"] = check.ok;
     if (!check.faults.empty()) entry["faults"] = check.faults;
-    ok = ok && check.ok;
-    worst = std::max(worst, check.joints_max_error_m);
     files.push_back(std::move(entry));
   }
   json out{{"reader", checks.empty() ? "" : checks.front().reader}};
   if (!checks.empty() && !checks.front().reason.empty()) out["reason"] = checks.front().reason;
-  out["joints_max_error_m"] = worst;
-  out["ok"] = ok;
+  out["joints_max_error_m"] = worst.joints_max_error_m;
+  out["ok"] = worst.ok;
   out["files"] = files;
   return out;
 }
@@ -219,6 +210,19 @@ void add_result(json& out, const ClipRecord& record) {
 }
 
 }  // namespace
+
+FileCheck worst_of(const std::vector<FileCheck>& checks) {
+  FileCheck worst;
+  worst.ok = !checks.empty();
+  for (const FileCheck& check : checks) {
+    worst.ok = worst.ok && check.ok;
+    worst.joints_max_error_m = std::max(worst.joints_max_error_m, check.joints_max_error_m);
+    worst.limited_joints = std::max(worst.limited_joints, check.limited_joints);
+    worst.violations = std::max(worst.violations, check.violations);
+    worst.max_violation_deg = std::max(worst.max_violation_deg, check.max_violation_deg);
+  }
+  return worst;
+}
 
 const char* to_string(Status status) {
   switch (status) {

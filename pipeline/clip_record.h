@@ -38,6 +38,9 @@ struct FileCheck {
   std::int64_t worst_frame = -1;
 };
 
+/// All checks of a clip as one: the worst of each figure; `ok` where there are checks and all are.
+FileCheck worst_of(const std::vector<FileCheck>&);
+
 /// Everything a clip's report says; parts that did not happen stay empty and are left out.
 struct ClipRecord {
   Status status = Status::pass;

@@ -356,11 +356,7 @@ class Extraction {
                     std::span<const Quaterniond> since) {
     const std::size_t rows = target_.joint_of_row.size();
     std::vector<DualQuaternion> world(rows);
-    for (std::size_t i = 0; i < rows; ++i) {
-      const DualQuaternion& local = track_.guess[std::size_t(f) * rows + i];
-      const std::int32_t parent = target_.rig.joints[i].parent;
-      world[i] = parent == kNoJoint ? local : world[parent] * local;
-    }
+    model_from_rows(target_.rig, {track_.guess.data() + f * std::int64_t(rows), rows}, world);
     for (std::size_t e = 0; e < plans_.size(); ++e) {
       const Plan& plan = plans_[e];
       EffectorTarget& target = track_.targets[std::size_t(f) * plans_.size() + e];

@@ -288,9 +288,7 @@ class ClipJob {
     if (record_.result) {
       summary.frames = record_.result->clip.frames();
       summary.error_p95_mm = percentile(record_.result->worst_error_mm, 95.0);
-      for (const FileCheck& check : record_.checks) {
-        summary.violations = std::max(summary.violations, check.violations);
-      }
+      summary.violations = worst_of(record_.checks).violations;
     }
     if (auto r = write_whole(options_.output / (stem_ + ".report.json"), report_json(record_));
         !r) {

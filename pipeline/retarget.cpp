@@ -188,15 +188,6 @@ class ClipSolver {
   IkSolver* solver_ = nullptr;
 };
 
-void model_of_rows(const Rig& rig, std::span<const DualQuaternion> local,
-                   std::vector<DualQuaternion>& model) {
-  model.resize(local.size());
-  for (std::size_t i = 0; i < local.size(); ++i) {
-    const std::int32_t parent = rig.joints[i].parent;
-    model[i] = parent == kNoJoint ? local[i] : model[parent] * local[i];
-  }
-}
-
 void measure_errors(Retargeted& out) {
   std::vector<std::size_t> strong;
   for (std::size_t e = 0; e < out.rig.effectors.size(); ++e) {
@@ -205,9 +196,9 @@ void measure_errors(Retargeted& out) {
     out.errors.push_back(
         {.name = out.rig.effectors[e].name, .position_mm = {}, .orientation_deg = {}});
   }
-  std::vector<DualQuaternion> model;
+  std::vector<DualQuaternion> model(out.rig.joints.size());
   for (std::int64_t f = 0; f < out.track.frames; ++f) {
-    model_of_rows(out.rig, out.rig_clip.frame(f), model);
+    model_from_rows(out.rig, out.rig_clip.frame(f), model);
     double worst = 0.0;
     for (std::size_t s = 0; s < strong.size(); ++s) {
       const RigEffector& effector = out.rig.effectors[strong[s]];

@@ -26,11 +26,7 @@ std::vector<std::vector<EffectorMark>> marks_of(const Retargeted& result) {
   std::vector<std::vector<EffectorMark>> marks(static_cast<std::size_t>(result.track.frames));
   std::vector<DualQuaternion> model(result.rig.joints.size());
   for (std::int64_t f = 0; f < result.track.frames; ++f) {
-    const auto local = result.rig_clip.frame(f);
-    for (std::size_t i = 0; i < model.size(); ++i) {
-      const std::int32_t parent = result.rig.joints[i].parent;
-      model[i] = parent == kNoJoint ? local[i] : model[parent] * local[i];
-    }
+    model_from_rows(result.rig, result.rig_clip.frame(f), model);
     for (std::size_t e = 0; e < result.rig.effectors.size(); ++e) {
       const RigEffector& effector = result.rig.effectors[e];
       if (effector.kind != EffectorKind::pose && effector.kind != EffectorKind::position) continue;
@@ -43,19 +39,12 @@ std::vector<std::vector<EffectorMark>> marks_of(const Retargeted& result) {
 
 std::vector<std::string> key_figures(const ClipRecord& record) {
   const Retargeted& result = *record.result;
-  std::int64_t violations = 0;
-  double worst = 0.0;
-  bool ok = !record.checks.empty();
-  for (const FileCheck& check : record.checks) {
-    violations = std::max(violations, check.violations);
-    worst = std::max(worst, check.max_violation_deg);
-    ok = ok && check.ok;
-  }
+  const FileCheck checked = worst_of(record.checks);
   std::vector<std::string> lines;
   lines.push_back(fmt::format("{} frames at {:g} Hz, scale {:.3f}", result.clip.frames(),
                               result.clip.rate_hz, result.track.scale));
-  lines.push_back(fmt::format("limit violations {} (read back, {})", violations,
-                              ok ? "certified" : "NOT certified"));
+  lines.push_back(fmt::format("limit violations {} (read back, {})", checked.violations,
+                              checked.ok ? "certified" : "NOT certified"));
   lines.push_back(fmt::format("effector error p95 {:.1f} mm, worst {:.1f} mm",
                               percentile(result.worst_error_mm, 95.0),
                               percentile(result.worst_error_mm, 100.0)));

@@ -186,6 +186,14 @@ Result<Target> load_target(const std::string& name_or_path, const TargetOptions&
   return target;
 }
 
+void model_from_rows(const Rig& rig, std::span<const DualQuaternion> row_local,
+                     std::span<DualQuaternion> model_from_row) {
+  for (std::size_t i = 0; i < rig.joints.size(); ++i) {
+    const std::int32_t parent = rig.joints[i].parent;
+    model_from_row[i] = parent == kNoJoint ? row_local[i] : model_from_row[parent] * row_local[i];
+  }
+}
+
 void skeleton_local_from_rig(const Target& target, std::span<const DualQuaternion> row_local,
                              std::span<DualQuaternion> parent_from_joint) {
   std::vector<DualQuaternion> model(parent_from_joint.size());

@@ -50,6 +50,10 @@ Result<Target> load_target(const std::string& name_or_path, const TargetOptions&
 /// (assets/data/limits), turned into the joint's space by the calibration; the others are fixed.
 Rig limited_rig(const Character&, const Figure&, const Calibration&, bool limits);
 
+/// Forward kinematics of a rig's rows; the spans have one entry per row.
+void model_from_rows(const Rig&, std::span<const DualQuaternion> row_local,
+                     std::span<DualQuaternion> model_from_row);
+
 /// A pose of the target's skeleton from a pose of the rig's rows, both local.
 void skeleton_local_from_rig(const Target&, std::span<const DualQuaternion> row_local,
                              std::span<DualQuaternion> parent_from_joint);

@@ -115,20 +115,6 @@ Result<Workload> read_workload(const std::filesystem::path& path) {
   }
 }
 
-/// One step on at the same speed: after (before^-1 after), per joint, translation likewise.
-void extrapolate(const Rig& rig, std::span<const DualQuaternion> before,
-                 std::span<const DualQuaternion> after, std::span<DualQuaternion> next) {
-  for (std::size_t i = 0; i < next.size(); ++i) {
-    const Eigen::Quaterniond& a = after[i].real;
-    const Eigen::Quaterniond turned = (a * (before[i].real.conjugate() * a)).normalized();
-    Eigen::Vector3d translation = after[i].translation();
-    if (rig.joints[i].type == JointType::free) {
-      translation += translation - before[i].translation();
-    }
-    next[i] = DualQuaternion::from_rotation_translation(turned, translation);
-  }
-}
-
 FrameResult measure(const Rig& rig, std::span<const EffectorTarget> targets,
                     std::span<const DualQuaternion> world) {
   FrameResult result;
@@ -166,7 +152,8 @@ class Bench {
 
  private:
   Result<void> run_lane(std::size_t first, std::size_t last, IkSolver& solver);
-  Result<void> solve(std::size_t frame, IkSolver& solver, std::span<DualQuaternion> pose);
+  Result<void> solve(std::size_t frame, bool first, IkSolver& solver,
+                     std::span<DualQuaternion> pose);
 
   using Clock = std::chrono::steady_clock;
   static double microseconds(Clock::duration d) {
@@ -180,9 +167,14 @@ class Bench {
   Clip clip_;
 };
 
-Result<void> Bench::solve(std::size_t frame, IkSolver& solver, std::span<DualQuaternion> pose) {
+Result<void> Bench::solve(std::size_t frame, bool first, IkSolver& solver,
+                          std::span<DualQuaternion> pose) {
   if (args_.solver != "ceres") {
-    solver.solve(work_.targets[frame], pose);
+    if (first || work_.rest_start) {
+      solver.solve(work_.targets[frame], pose);
+    } else {
+      solver.follow(work_.targets[frame], pose);
+    }
     return {};
   }
   const auto refined =
@@ -201,15 +193,12 @@ Result<void> Bench::run_lane(std::size_t first, std::size_t last, IkSolver& solv
     if (work_.rest_start || f == first) {
       pose_from_coordinates(rig, work_.rest_start ? zero : work_.truth_q[f], pose);
       start = Clock::now();
-    } else {
-      const auto previous = clip_.frame(static_cast<std::int64_t>(f) - 1);
-      if (args_.start == "extrapolate" && f >= first + 2) {
-        extrapolate(rig, clip_.frame(static_cast<std::int64_t>(f) - 2), previous, pose);
-      } else {
-        std::copy(previous.begin(), previous.end(), pose.begin());
-      }
     }
-    if (Result<void> solved = solve(f, solver, pose); !solved) return solved;
+    if (!work_.rest_start && f > first) {
+      const auto previous = clip_.frame(static_cast<std::int64_t>(f) - 1);
+      std::copy(previous.begin(), previous.end(), pose.begin());
+    }
+    if (Result<void> solved = solve(f, f == first, solver, pose); !solved) return solved;
     const auto end = Clock::now();
     model_from_local(skeleton, pose, world);
     fk_us_[f] = microseconds(Clock::now() - end);
@@ -227,12 +216,11 @@ Result<void> Bench::run() {
   }
   IkOptions options;
   options.method = args_.solver == "pgs-paper" ? IkMethod::pgs_paper : IkMethod::pgs;
-  // Convergence is quadratic, so a tenth of what the workload allows is nearly free; and a joint
-  // that passes through a straight limb keeps its side, where a looser answer may lose it.
-  const double margin = options.method == IkMethod::pgs ? 0.1 : 1.0;
-  options.stop_position_m = args_.stop_mm > 0.0 ? 1e-3 * args_.stop_mm : margin * work_.stop_pos;
-  options.stop_orientation_rad = margin * work_.stop_rot;
+  options.stop_position_m = args_.stop_mm > 0.0 ? 1e-3 * args_.stop_mm : work_.stop_pos;
+  options.stop_orientation_rad = work_.stop_rot;
   options.unwind = !work_.rest_start;
+  options.extrapolate = args_.start == "extrapolate";
+  options.measure_residual = false;
   options.restarts = work_.rest_start ? kRestartsOfLonePoses : 0;
   Result<IkSolver> solver = IkSolver::create(rig, options);
   if (!solver) return solver.error();

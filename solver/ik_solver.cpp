@@ -11,6 +11,13 @@
 // plain projected Gauss-Seidel sweeps would converge to, here reached through the tree
 // (tree_elimination.cpp).
 //
+// A clip is followed: the start of a frame is extrapolated from the two answers before, the limits
+// that were active stay so until their multipliers say otherwise, and damping goes on where it
+// stood. So near the answer one relinearisation is enough, and one is always made, however near the
+// start is: a pose that is merely good enough would jitter against its neighbours. What the targets
+// leave open is pulled to an anchor, the last answer and kCalm of its speed: a free swivel coasts
+// to rest instead of oscillating about the middle of its range.
+//
 // pgs_paper is Kenwright 2013 as its text gives it: fixed damping (eq. 30), a few sweeps per
 // relinearisation, its stopping rules (section VII.B): a cap, small errors, a small step, a step
 // that stays the same. It has no control of the step, so the best pose met on the way is kept.
@@ -32,6 +39,7 @@ constexpr double kShrink = 0.1;  // of the damping, at best, per relinearisation
 constexpr double kEase = 5e-4;   // of the way to the middle of its range, per relinearisation
 constexpr int kUnwinds = 3;      // a third, two thirds, all of the way to the middle
 constexpr double kWoundCost = 0.05 * 0.05;  // m^2; a worse miss is a target out of reach
+constexpr double kCalm = 0.9;  // of the speed that the targets leave open, kept from frame to frame
 constexpr double kStalling = 0.7;  // a relative fall below this asks for the errors' curvature
 
 }  // namespace
@@ -47,6 +55,8 @@ struct IkSolver::State {
         next(now),
         best(now),
         wound(now),
+        last(now),
+        before(now),
         at_now(tree.make_kinematics()),
         at_next(at_now),
         load(tree.nodes.size()),
@@ -54,7 +64,10 @@ struct IkSolver::State {
     for (const IkNode& node : tree.nodes) {
       if (node.ellipse) ellipses.push_back({node.coordinate, node.swing});
     }
-    gradient = diagonal = end = wish = step;
+    gradient = diagonal = end = wish = anchor = step;
+    settled_damping = options.damping;
+    outside = skeleton_of(rig).rest_parent_from_joint;
+    tree.load(outside, last);
     if (options.method == IkMethod::pgs_paper) {
       a.resize(step.size(), step.size());
       b = step;
@@ -69,7 +82,9 @@ struct IkSolver::State {
   double measure_residual(double damping);
   double predicted_fall(double damping) const;
   EliminationStats solve_linear(double damping, IkReport&);
-  void descend(IkReport&);
+  void descend(IkReport&, bool following = false);
+  void remember();
+  void extrapolate();
   void descend_paper(IkReport&);
   void restart(int attempt);
   void solve_with_restarts(IkReport&);
@@ -81,9 +96,13 @@ struct IkSolver::State {
   std::vector<IkGoal> goals;
   std::vector<EllipseLimit> ellipses;
   IkState now, next, best, wound;
+  IkState last, before;  ///< answers to the calls before
+  int answers = 0;       ///< how many of them there are
+  double settled_damping = 0.0;
+  std::vector<DualQuaternion> outside;  ///< [joint] where that is no node: as last given
   IkKinematics at_now, at_next;
   EffectorLoad load;
-  Eigen::VectorXd step, wish, gradient, diagonal, end;
+  Eigen::VectorXd step, wish, anchor, gradient, diagonal, end;
   Eigen::MatrixXd a;
   Eigen::VectorXd b;
 };
@@ -166,18 +185,20 @@ EliminationStats IkSolver::State::solve_linear(double damping, IkReport& report)
   return stats;
 }
 
-void IkSolver::State::descend(IkReport& report) {
+void IkSolver::State::descend(IkReport& report, bool following) {
   tree.evaluate(now, goals, at_now);
-  report.converged = done(at_now);
-  if (report.converged || tree.nodes.empty()) return;
-  elimination.reset(now.x);
-  double damping = options.damping, growth = 2.0;
+  if (tree.nodes.empty()) return;
+  report.converged = !following && done(at_now);
+  if (report.converged) return;
+  if (!following) elimination.reset(now.x);
+  double damping = following ? settled_damping : options.damping, growth = 2.0;
   bool curved = false;
   while (!report.converged && report.relinearisations < options.max_relinearisations) {
     ++report.relinearisations;
     linearise(curved);
-    wish = kEase * tree.limited.cwiseProduct(tree.middle - now.x);
-    elimination.linearise(at_now, load);
+    if (!following) anchor = now.x + kEase * (tree.middle - now.x);
+    wish = tree.limited.cwiseProduct(anchor - now.x);
+    elimination.linearise(now.x, at_now, load);
     bool fell = false;
     double tried = damping;
     while (!fell && !report.converged) {
@@ -185,10 +206,11 @@ void IkSolver::State::descend(IkReport& report) {
       const EliminationStats stats = solve_linear(damping, report);
       tree.move(now, step, next);
       tree.evaluate(next, goals, at_next);
-      const double predicted = predicted_fall(damping), fall = at_now.cost - at_next.cost;
+      const double fall = at_now.cost - at_next.cost;
       const bool negligible = step.cwiseAbs().maxCoeff() < options.stop_step;
-      fell = fall >= 0.0;
+      fell = fall >= 0.0 || (following && done(at_next));
       if (fell) {
+        const double predicted = predicted_fall(damping);
         const double agreement = predicted > 0.0 ? fall / predicted : 1.0;
         const double cube = std::pow(2.0 * agreement - 1.0, 3);
         damping = std::max(kLeastDamping, damping * std::max(kShrink, 1.0 - cube));
@@ -204,13 +226,37 @@ void IkSolver::State::descend(IkReport& report) {
         report.converged = negligible || damping > kMostDamping;
       }
     }
-    if (report.converged || report.relinearisations == options.max_relinearisations) {
+    if (options.measure_residual &&
+        (report.converged || report.relinearisations == options.max_relinearisations)) {
       report.residual = measure_residual(tried);
     }
     if (!fell) break;
     std::swap(now, next);
     std::swap(at_now, at_next);
   }
+  settled_damping = std::min(damping, options.damping);
+}
+
+/// The answer `now` becomes the last one.
+void IkSolver::State::remember() {
+  std::swap(before, last);
+  last = now;
+  ++answers;
+}
+
+/// `now` becomes the start of the next frame, `anchor` where it may as well stay.
+void IkSolver::State::extrapolate() {
+  now = last;
+  anchor = last.x + kEase * tree.limited.cwiseProduct(tree.middle - last.x);
+  if (!options.extrapolate || answers < 2) return;
+  now.x += last.x - before.x;
+  anchor += kCalm * (last.x - before.x);
+  for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
+    const IkNode& node = tree.nodes[n];
+    if (node.chart || (node.type != JointType::ball && node.type != JointType::free)) continue;
+    now.rotation[n] = (last.rotation[n] * before.rotation[n].conjugate() * last.rotation[n]).normalized();
+  }
+  tree.project(now.x);
 }
 
 void IkSolver::State::descend_paper(IkReport& report) {
@@ -330,11 +376,14 @@ IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<Dual
   IkReport report;
   s.tree.resolve(targets, s.goals);
   s.tree.load(pose, s.now);
+  s.answers = 0;
+  s.settled_damping = s.options.damping;
   if (s.options.method == IkMethod::pgs_paper) {
     s.descend_paper(report);
   } else {
     s.solve_with_restarts(report);
   }
+  s.remember();
   report.cost = s.at_now.cost;
   report.reached = s.reached(s.at_now);
   if (report.relinearisations == 0) {
@@ -343,6 +392,28 @@ IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<Dual
     for (const std::int32_t joint : s.tree.outside) project_joint(s.rig, joint, pose);
     s.tree.store(s.now, pose);
   }
+  for (const std::int32_t joint : s.tree.outside) s.outside[joint] = pose[joint];
+  return report;
+}
+
+IkReport IkSolver::follow(std::span<const EffectorTarget> targets,
+                          std::span<DualQuaternion> pose) {
+  State& s = *state_;
+  IkReport report;
+  s.tree.resolve(targets, s.goals);
+  s.extrapolate();
+  if (s.options.method == IkMethod::pgs_paper) {
+    s.descend_paper(report);
+  } else {
+    s.descend(report, true);
+  }
+  s.remember();
+  report.cost = s.at_now.cost;
+  report.reached = s.reached(s.at_now);
+  for (const std::int32_t joint : s.tree.outside) {
+    pose[joint] = s.outside[joint];
+  }
+  s.tree.store(s.now, pose);
   return report;
 }
 

@@ -43,6 +43,10 @@ struct IkOptions {
   /// pgs: other starts to try, always the same ones, where the first ends out of tolerance. For
   /// poses that stand alone; in a clip they would pop.
   int restarts = 0;
+  /// follow: start where the last two answers point to, else at the last one.
+  bool extrapolate = true;
+  /// Fill IkReport::residual. It measures an answer and is no part of finding it.
+  bool measure_residual = true;
 };
 
 struct IkReport {
@@ -68,6 +72,12 @@ class IkSolver {
   /// found. Allocates nothing.
   IkReport solve(std::span<const EffectorTarget> targets,
                  std::span<DualQuaternion> parent_from_joint);
+
+  /// The next frame of a clip: as solve(), but starts from the answers to the calls before, keeps
+  /// their active limits and damping, and what the targets leave open goes on calmly. Whatever
+  /// `parent_from_joint` holds is overwritten. Without a call before it starts from the rest pose.
+  IkReport follow(std::span<const EffectorTarget> targets,
+                  std::span<DualQuaternion> parent_from_joint);
 
  private:
   struct State;

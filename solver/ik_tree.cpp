@@ -17,6 +17,8 @@
 #include <cmath>
 #include <limits>
 
+#include "solver/half_angle.h"
+
 namespace limber {
 
 namespace {
@@ -25,30 +27,37 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 constexpr double kNoWidth = 1e-9;         // rad
 constexpr double kMetresPerRadian = 0.1;  // of the effector cost (DESIGN section 3)
 
+constexpr double kSeriesAngle2 = 16.0;  // rad^2: half_angle() holds, with a margin
+
+/// About a unit axis. The quaternion's sign is of no account, so whole turns may be dropped.
 Eigen::Quaterniond about(const Eigen::Vector3d& axis, double angle) {
-  const double s = std::sin(0.5 * angle);
-  return {std::cos(0.5 * angle), s * axis.x(), s * axis.y(), s * axis.z()};
+  if (std::abs(angle) > M_PI) angle -= 2.0 * M_PI * std::round(angle / (2.0 * M_PI));
+  const HalfAngle<double> half = half_angle(angle * angle);
+  const double s = half.sinc * angle;
+  return {half.cosine, s * axis.x(), s * axis.y(), s * axis.z()};
 }
 
 Eigen::Quaterniond exp_of(const Eigen::Vector3d& v) {
   const double angle2 = v.squaredNorm();
-  double c, f;
-  if (angle2 < 1e-6) {
-    c = 1.0 - angle2 / 8.0 + angle2 * angle2 / 384.0;
-    f = 0.5 - angle2 / 48.0 + angle2 * angle2 / 3840.0;
-  } else {
-    const double angle = std::sqrt(angle2);
-    c = std::cos(0.5 * angle);
-    f = std::sin(0.5 * angle) / angle;
+  if (angle2 < kSeriesAngle2) {
+    const HalfAngle<double> half = half_angle(angle2);
+    return {half.cosine, half.sinc * v.x(), half.sinc * v.y(), half.sinc * v.z()};
   }
-  return {c, f * v.x(), f * v.y(), f * v.z()};
+  const double angle = std::sqrt(angle2), f = std::sin(0.5 * angle) / angle;
+  return {std::cos(0.5 * angle), f * v.x(), f * v.y(), f * v.z()};
 }
 
 /// Rotation vector of a unit quaternion, the short way.
 Eigen::Vector3d log_of(const Eigen::Quaterniond& q) {
   const double n2 = q.vec().squaredNorm();
   const double sign = q.w() < 0.0 ? -1.0 : 1.0;
-  if (n2 < 1e-5) return sign * (2.0 + n2 / 3.0 + n2 * n2 * 0.15) * q.vec();
+  if (n2 < 0.01) {  // 2 asin(n) / n
+    constexpr double c[] = {2.0,          1.0 / 3.0,      3.0 / 20.0,       5.0 / 56.0,
+                            35.0 / 576.0, 63.0 / 1408.0,  231.0 / 6656.0,   143.0 / 5120.0};
+    double sum = c[7];
+    for (int k = 6; k >= 0; --k) sum = sum * n2 + c[k];
+    return (sign * sum) * q.vec();
+  }
   const double n = std::sqrt(n2);
   return (sign * 2.0 * std::atan2(n, sign * q.w()) / n) * q.vec();
 }
@@ -70,7 +79,9 @@ Eigen::Quaterniond triad_of(const RigJoint& joint) {
 
 Eigen::Quaterniond swing_twist_motion(double s0, double s1, double twist) {
   const Eigen::Quaterniond swing = exp_of({s0, s1, 0.0});
-  const double k = std::cos(0.5 * twist), m = std::sin(0.5 * twist);
+  if (std::abs(twist) > M_PI) twist -= 2.0 * M_PI * std::round(twist / (2.0 * M_PI));
+  const HalfAngle<double> half = half_angle(twist * twist);
+  const double k = half.cosine, m = half.sinc * twist;
   return {swing.w() * k, swing.x() * k + swing.y() * m, swing.y() * k - swing.x() * m,
           swing.w() * m};
 }
@@ -353,17 +364,10 @@ void IkTree::linearise(const IkState& state, IkKinematics& out) const {
       set(k + 1, p, out.rotation[n] * node.axis1);
     } else if (node.chart) {
       const double s0 = x[0], s1 = x[1], angle2 = s0 * s0 + s1 * s1;
-      double a, b, c;
-      if (angle2 < 1e-4) {
-        a = 1.0 - angle2 / 6.0 + angle2 * angle2 / 120.0;
-        b = 0.5 - angle2 / 24.0 + angle2 * angle2 / 720.0;
-        c = 1.0 / 6.0 - angle2 / 120.0 + angle2 * angle2 / 5040.0;
-      } else {
-        const double angle = std::sqrt(angle2), h = std::sin(0.5 * angle);
-        a = std::sin(angle) / angle;
-        b = 2.0 * h * h / angle2;
-        c = (1.0 - a) / angle2;
-      }
+      const HalfAngle<double> half = half_angle(angle2);
+      const double a = 2.0 * half.sinc * half.cosine, b = 2.0 * half.sinc * half.sinc;
+      const double c = angle2 < 1e-4 ? 1.0 / 6.0 - angle2 * (1.0 / 120.0 - angle2 / 5040.0)
+                                     : (1.0 - a) / angle2;
       const Eigen::Matrix3d m = q.toRotationMatrix();
       set(k, p, m * Eigen::Vector3d(a + c * s0 * s0, c * s0 * s1, -b * s1));
       set(k + 1, p, m * Eigen::Vector3d(c * s0 * s1, a + c * s1 * s1, b * s0));

@@ -8,12 +8,10 @@
 
 #include "assets/model/rig.h"
 #include "solver/ik_solver.h"
+#include "solver/spatial_inertia.h"
 #include "solver/swing_twist.h"
 
 namespace limber {
-
-using Vector6 = Eigen::Matrix<double, 6, 1>;  ///< (angular, linear about the origin), world axes
-using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 /// The part of a rig that effectors can feel: joints that move and carry an effector somewhere
 /// below them. Fixed joints are folded into the offsets.

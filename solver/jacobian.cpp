@@ -68,43 +68,30 @@ void effector_jacobian(const IkTree& tree, std::span<const IkGoal> goals,
 
 namespace {
 
-/// Adds the inertia of a mass matrix (isotropic, or projected for a line) at d.
-void add_mass(const IkGoal& goal, bool line, const Eigen::Vector3d& d, Matrix6& inertia) {
-  if (line) {
-    const Eigen::Matrix3d arm = cross_matrix(d);
-    const Eigen::Matrix3d mass =
-        goal.mass * (Eigen::Matrix3d::Identity() - goal.axis * goal.axis.transpose());
-    inertia.topLeftCorner<3, 3>() -= arm * mass * arm;
-    inertia.topRightCorner<3, 3>() += arm * mass;
-    inertia.bottomLeftCorner<3, 3>() -= mass * arm;
-    inertia.bottomRightCorner<3, 3>() += mass;
-    return;
-  }
-  const double m = goal.mass, mx = m * d.x(), my = m * d.y(), mz = m * d.z();
-  inertia.topLeftCorner<3, 3>() -= (m * d) * d.transpose();
-  inertia.topLeftCorner<3, 3>().diagonal().array() += m * d.squaredNorm();
-  inertia(0, 4) -= mz, inertia(4, 0) -= mz, inertia(0, 5) += my, inertia(5, 0) += my;
-  inertia(1, 3) += mz, inertia(3, 1) += mz, inertia(1, 5) -= mx, inertia(5, 1) -= mx;
-  inertia(2, 3) -= my, inertia(3, 2) -= my, inertia(2, 4) += mx, inertia(4, 2) += mx;
-  inertia.bottomRightCorner<3, 3>().diagonal().array() += m;
+using Inertia = SpatialInertia<double>;
+
+/// Adds the inertia of m (1 - n n') at d: a line is free to slide along itself.
+void add_line_mass(const IkGoal& goal, const Eigen::Vector3d& d, Inertia& inertia) {
+  const Eigen::Matrix3d arm = cross_matrix(d);
+  const Eigen::Matrix3d mass =
+      goal.mass * (Eigen::Matrix3d::Identity() - goal.axis * goal.axis.transpose());
+  inertia.add_blocks(-arm * mass * arm, arm * mass, mass);
 }
 
-void add_point_curvature(const Eigen::Vector3d& d, const Eigen::Vector3d& force, Matrix6& inertia) {
+void add_point_curvature(const Eigen::Vector3d& d, const Eigen::Vector3d& force,
+                         Inertia& inertia) {
   const Eigen::Matrix3d outer = 0.5 * d * force.transpose();
-  const Eigen::Matrix3d half = 0.5 * cross_matrix(force);
-  inertia.topLeftCorner<3, 3>() -= outer + outer.transpose();
-  inertia.topLeftCorner<3, 3>().diagonal().array() += d.dot(force);
-  inertia.topRightCorner<3, 3>() += half;
-  inertia.bottomLeftCorner<3, 3>() -= half;
+  inertia.add_blocks(d.dot(force) * Eigen::Matrix3d::Identity() - outer - outer.transpose(),
+                     0.5 * cross_matrix(force), Eigen::Matrix3d::Zero());
 }
 
-void add_rotation_curvature(const Eigen::Vector3d& error, double weight, Matrix6& inertia) {
+void add_rotation_curvature(const Eigen::Vector3d& error, double weight, Inertia& inertia) {
   const double angle2 = error.squaredNorm();
   if (angle2 < 1e-12) return;
   const double half = 0.5 * std::sqrt(angle2);
   const double across = half / std::tan(half) - 1.0;  // <= 0
-  inertia.topLeftCorner<3, 3>().diagonal().array() += weight * across;
-  inertia.topLeftCorner<3, 3>() -= (weight * across / angle2) * error * error.transpose();
+  inertia.add_angular(weight * across);
+  inertia.add_angular_outer(-weight * across / angle2, error);
 }
 
 }  // namespace
@@ -122,7 +109,7 @@ void effector_load(const IkTree& tree, std::span<const IkGoal> goals,
                    const IkKinematics& kinematics, EffectorLoad& load, bool curved) {
   load.curved = curved;
   for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
-    load.inertia[n].setZero();
+    load.inertia[n].set_zero();
     load.pull[n].setZero();
   }
   for (std::size_t e = 0; e < tree.effectors.size(); ++e) {
@@ -130,21 +117,25 @@ void effector_load(const IkTree& tree, std::span<const IkGoal> goals,
     if (effector.node < 0) continue;
     const IkGoal& goal = goals[e];
     const IkError& error = kinematics.error[e];
-    Matrix6& inertia = load.inertia[effector.node];
+    Inertia& inertia = load.inertia[effector.node];
     Vector6& pull = load.pull[effector.node];
     if (goal.mass > 0.0) {
       const Eigen::Vector3d d = error.point - kinematics.origin;
       const Eigen::Vector3d force = goal.mass * error.position;
       pull.head<3>() += d.cross(force);
       pull.tail<3>() += force;
-      add_mass(goal, effector.kind == EffectorKind::line, d, inertia);
+      if (effector.kind == EffectorKind::line) {
+        add_line_mass(goal, d, inertia);
+      } else {
+        inertia.add_point(goal.mass, d);
+      }
       if (curved) add_point_curvature(d, force, inertia);
     }
     if (goal.inertia > 0.0) {
       pull.head<3>() += goal.inertia * error.rotation;
-      inertia.topLeftCorner<3, 3>().diagonal().array() += goal.inertia;
+      inertia.add_angular(goal.inertia);
       if (is_axial(effector.kind)) {
-        inertia.topLeftCorner<3, 3>() -= (goal.inertia * error.axis) * error.axis.transpose();
+        inertia.add_angular_outer(-goal.inertia, error.axis);
       } else if (curved) {
         add_rotation_curvature(error.rotation, goal.inertia, inertia);
       }

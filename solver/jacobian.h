@@ -17,11 +17,11 @@ void effector_jacobian(const IkTree&, std::span<const IkGoal>, const IkKinematic
 /// Per node, about kinematics.origin: the inertia and the pull (wrench: torque, force) of the
 /// effectors on it. `outer_pull` also holds what pulls on the nodes outside of it.
 struct EffectorLoad {
-  std::vector<Matrix6> inertia;
+  std::vector<SpatialInertia<double>> inertia;
   std::vector<Vector6> pull, outer_pull;
   bool curved = false;  ///< the inertia holds the second derivatives of the errors
   explicit EffectorLoad(std::size_t nodes = 0)
-      : inertia(nodes, Matrix6::Zero()),
+      : inertia(nodes, SpatialInertia<double>{}),
         pull(nodes, Vector6::Zero()),
         outer_pull(nodes, Vector6::Zero()) {}
 };

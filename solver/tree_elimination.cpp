@@ -40,7 +40,8 @@ constexpr int kMaxPasses = 24;
 constexpr int kReleasePasses = 8;
 constexpr int kTangentPasses = 6;
 constexpr double kTouch = 1e-10;  // rad, m: nearer to a limit counts as on it
-constexpr double kSlide = 1e-9;   // rad: shorter ways along a tangent count as none
+constexpr double kSlide = 1e-9;   // rad: shorter ways along a tangent count as none,
+constexpr double kSlidePart = 0.02;  // and so do those that are this small a part of the whole step
 constexpr double kWall = 1e-9;    // rad: a side of the ellipse that has no width
 
 }  // namespace
@@ -70,9 +71,20 @@ void TreeElimination::reset(const Eigen::VectorXd& x) {
   }
 }
 
-void TreeElimination::linearise(const IkKinematics& kinematics, const EffectorLoad& load) {
+void TreeElimination::linearise(const Eigen::VectorXd& x, const IkKinematics& kinematics,
+                                const EffectorLoad& load) {
   kinematics_ = &kinematics;
   load_ = &load;
+  for (std::size_t n = 0; n < tree_.nodes.size(); ++n) {
+    SwingLock& lock = swing_[n];
+    if (!lock.active || lock.corner) continue;
+    const IkNode& node = tree_.nodes[n];
+    const Eigen::Vector2d at = x.segment<2>(node.coordinate);
+    const double level = node.swing.level(at);
+    hold_swing(lock, node.swing, level < 1.0 && level > 0.25 ? at / std::sqrt(level) : at);
+    lock.slide = 0.0;
+    lock.reach = 1.0;
+  }
 }
 
 void TreeElimination::hold_swing(SwingLock& lock, const SwingEllipse& ellipse,
@@ -146,7 +158,7 @@ void TreeElimination::eliminate(std::int32_t n, const Eigen::VectorXd& x, double
   }
   for (std::int32_t k = node.coordinate + node.coordinates - 1; k >= node.coordinate; --k) {
     Pivot& pivot = pivot_[k];
-    pivot.momentum.noalias() = out.inertia * pivot.axis;
+    pivot.momentum = out.inertia * pivot.axis;
     pivot.diagonal += pivot.axis.dot(pivot.momentum);
     if (load_->curved) pivot.momentum -= 0.5 * turn_of_pull(pivot.axis, load_->outer_pull[n]);
     pivot.drive = pivot.pull - pivot.axis.dot(out.bias);
@@ -156,9 +168,8 @@ void TreeElimination::eliminate(std::int32_t n, const Eigen::VectorXd& x, double
     }
     definite_ = definite_ && pivot.diagonal > 0.0;
     pivot.inverse = pivot.diagonal > 0.0 ? 1.0 / pivot.diagonal : 0.0;
-    const Vector6 scaled = pivot.inverse * pivot.momentum;
-    out.inertia.noalias() -= scaled * pivot.momentum.transpose();
-    out.bias += pivot.drive * scaled;
+    out.inertia.add_outer(pivot.momentum, -pivot.inverse);
+    out.bias += (pivot.drive * pivot.inverse) * pivot.momentum;
   }
 }
 
@@ -255,7 +266,7 @@ bool TreeElimination::update_swing(std::int32_t n, const Eigen::VectorXd& x,
   // that a border which bends away under a long one is bisected.
   const Eigen::Vector2d tangent(-lock.normal.y(), lock.normal.x());
   const double slide = tangent.dot(end - lock.point);
-  if (std::abs(slide) < kSlide) return false;
+  if (std::abs(slide) < slide_tolerance_) return false;
   lock.reach = slide * lock.slide < 0.0 ? 0.5 * std::min(lock.reach, std::abs(lock.slide))
                                         : 2.0 * lock.reach;
   lock.slide = std::clamp(slide, -lock.reach, lock.reach);
@@ -280,6 +291,7 @@ EliminationStats TreeElimination::solve(const Eigen::VectorXd& x, double damping
     }
     if (!definite_) break;
     substitute(step);
+    slide_tolerance_ = std::max(kSlide, kSlidePart * step.cwiseAbs().maxCoeff());
     stats.settled = true;
     for (std::int32_t n = 0; n < nodes; ++n) {
       const bool box = update_box(n, x, step, stats.passes <= kReleasePasses);

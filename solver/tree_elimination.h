@@ -24,8 +24,9 @@ class TreeElimination {
 
   /// Forgets which limits are active: those that x touches count as active to begin with.
   void reset(const Eigen::VectorXd& x);
-  /// A new place: `load` per node (not composite), twists from the kinematics.
-  void linearise(const IkKinematics&, const EffectorLoad& load);
+  /// A new place x: `load` per node (not composite), twists from the kinematics. Swings that were
+  /// held at their limit are so at the border's point nearest to x.
+  void linearise(const Eigen::VectorXd& x, const IkKinematics&, const EffectorLoad& load);
   /// `step`: the solution. The active set is the start for the next call.
   EliminationStats solve(const Eigen::VectorXd& x, double damping, const Eigen::VectorXd& wish,
                          Eigen::VectorXd& step);
@@ -52,7 +53,7 @@ class TreeElimination {
     bool locked = false;
   };
   struct Outside {
-    Matrix6 inertia;
+    SpatialInertia<double> inertia;
     Vector6 bias;
   };
 
@@ -77,6 +78,7 @@ class TreeElimination {
   std::vector<double> multiplier_;   ///< [coordinate] gradient of the objective where locked
   std::vector<std::uint8_t> dirty_;  ///< [node]
   bool definite_ = true;
+  double slide_tolerance_ = 0.0;
 };
 
 }  // namespace limber

@@ -72,7 +72,7 @@ void eliminate(benchmark::State& state) {
   TreeElimination elimination(p.tree);
   Eigen::VectorXd step(p.tree.coordinate_count());
   const Eigen::VectorXd wish = Eigen::VectorXd::Zero(step.size());
-  elimination.linearise(p.kinematics, p.load);
+  elimination.linearise(p.state.x, p.kinematics, p.load);
   int passes = 0;
   for (auto _ : state) {
     elimination.reset(p.state.x);

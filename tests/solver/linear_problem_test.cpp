@@ -159,7 +159,7 @@ TEST(TreeElimination, WithoutLimitsItIsTheDenseSolution) {
     const Linearised p(rig, random, 1e-2, 1.0);
     TreeElimination elimination(p.tree);
     elimination.reset(p.state.x);
-    elimination.linearise(p.kinematics, p.load);
+    elimination.linearise(p.state.x, p.kinematics, p.load);
     VectorXd step(p.b.size());
     const EliminationStats stats =
         elimination.solve(p.state.x, 1e-2, VectorXd::Zero(p.b.size()), step);
@@ -190,7 +190,7 @@ TEST(TreeElimination, AtLimitsItReachesTheFixedPointOfTheSweeps) {
     const Linearised p(test::random_rig(random, 10, 8), random, damping, 1.0);
     TreeElimination elimination(p.tree);
     elimination.reset(p.state.x);
-    elimination.linearise(p.kinematics, p.load);
+    elimination.linearise(p.state.x, p.kinematics, p.load);
     VectorXd step = VectorXd::Zero(p.b.size());
     // Swings end on the tangent: repeat from where the border was taken up until that is exact.
     const VectorXd wish = VectorXd::Constant(p.b.size(), 0.01);
@@ -243,7 +243,7 @@ TEST(TreeElimination, CurvedProblemIsNewtonsOwn) {
     effector_load(p.tree, p.goals, p.kinematics, curved, true);
     TreeElimination elimination(p.tree);
     elimination.reset(p.state.x);
-    elimination.linearise(p.kinematics, curved);
+    elimination.linearise(p.state.x, p.kinematics, curved);
     const Eigen::Index n = p.b.size();
     VectorXd step(n);
     if (!elimination.solve(p.state.x, damping, VectorXd::Zero(n), step).definite) continue;

@@ -15,6 +15,7 @@
 #include "assets/model/rig.h"
 #include "importers/rig_json.h"
 #include "solver/ik_solver.h"
+#include "solver/lane_solver.h"
 #include "validation/ceres_refiner.h"
 #include "validation/limit_check.h"
 
@@ -152,6 +153,7 @@ class Bench {
 
  private:
   Result<void> run_lane(std::size_t first, std::size_t last, IkSolver& solver);
+  Result<void> run_in_lanes(std::span<const std::size_t> cuts, const IkOptions& options);
   Result<void> solve(std::size_t frame, bool first, IkSolver& solver,
                      std::span<DualQuaternion> pose);
 
@@ -209,6 +211,48 @@ Result<void> Bench::run_lane(std::size_t first, std::size_t last, IkSolver& solv
   return {};
 }
 
+/// Runs side by side: lane i solves the frames from cuts[i] to cuts[i + 1].
+Result<void> Bench::run_in_lanes(std::span<const std::size_t> cuts, const IkOptions& options) {
+  const Rig& rig = work_.rig;
+  Result<LaneSolver> made = LaneSolver::create(rig, options);
+  if (!made) return made.error();
+  LaneSolver& solver = made.value();
+  const int used = static_cast<int>(cuts.size()) - 1;
+  const std::size_t effectors = rig.effectors.size();
+  Pose pose(rig.joints.size()), world(rig.joints.size());
+  std::vector<EffectorTarget> targets(LaneSolver::lanes * effectors);
+  std::size_t longest = 0;
+  for (int lane = 0; lane < LaneSolver::lanes; ++lane) {
+    pose_from_coordinates(rig, work_.truth_q[cuts[std::min(lane, used - 1)]], pose);
+    solver.start(lane, pose);
+    if (lane < used) longest = std::max(longest, cuts[lane + 1] - cuts[lane]);
+  }
+  // Lanes without a run of their own, or at its end, stay on their last frame.
+  const auto frame_of = [&](int lane, std::size_t step) {
+    const int run = std::min(lane, used - 1);
+    return std::min(cuts[run] + step, cuts[run + 1] - 1);
+  };
+  for (std::size_t step = 0; step < longest; ++step) {
+    for (int lane = 0; lane < LaneSolver::lanes; ++lane) {
+      std::ranges::copy(work_.targets[frame_of(lane, step)], targets.begin() + lane * effectors);
+    }
+    const auto start = Clock::now();
+    solver.follow(targets);
+    for (int lane = 0; lane < used; ++lane) {
+      solver.pose(lane, clip_.frame(static_cast<std::int64_t>(frame_of(lane, step))));
+    }
+    const double each = microseconds(Clock::now() - start) / used;
+    for (int lane = 0; lane < used; ++lane) {
+      const std::size_t f = frame_of(lane, step);
+      if (results_[f].us > 0.0) continue;
+      model_from_local(skeleton_of(rig), clip_.frame(static_cast<std::int64_t>(f)), world);
+      results_[f] = measure(rig, work_.targets[f], world);
+      results_[f].us = each;
+    }
+  }
+  return {};
+}
+
 Result<void> Bench::run() {
   Rig& rig = work_.rig;
   if (args_.pos) {
@@ -230,9 +274,19 @@ Result<void> Bench::run() {
   clip_.joints = rig.size();
   clip_.parent_from_joint.resize(frames * rig.joints.size());
   const auto lanes = std::min(static_cast<std::size_t>(args_.lanes), frames);
+  std::vector<std::size_t> cuts;
+  for (std::size_t lane = 0; lane <= lanes; ++lane) cuts.push_back(lane * frames / lanes);
+  if (lanes > 1 && args_.solver == "pgs" && !work_.rest_start) {
+    for (std::size_t lane = 0; lane < lanes; lane += LaneSolver::lanes) {
+      const std::size_t count = std::min<std::size_t>(LaneSolver::lanes, lanes - lane);
+      if (auto ran = run_in_lanes(std::span(cuts).subspan(lane, count + 1), options); !ran) {
+        return ran;
+      }
+    }
+    return {};
+  }
   for (std::size_t lane = 0; lane < lanes; ++lane) {
-    const std::size_t first = lane * frames / lanes, last = (lane + 1) * frames / lanes;
-    if (Result<void> ran = run_lane(first, last, solver.value()); !ran) return ran;
+    if (auto ran = run_lane(cuts[lane], cuts[lane + 1], solver.value()); !ran) return ran;
   }
   return {};
 }

@@ -254,7 +254,8 @@ void IkSolver::State::extrapolate() {
   for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
     const IkNode& node = tree.nodes[n];
     if (node.chart || (node.type != JointType::ball && node.type != JointType::free)) continue;
-    now.rotation[n] = (last.rotation[n] * before.rotation[n].conjugate() * last.rotation[n]).normalized();
+    now.rotation[n] =
+        (last.rotation[n] * before.rotation[n].conjugate() * last.rotation[n]).normalized();
   }
   tree.project(now.x);
 }
@@ -396,8 +397,7 @@ IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<Dual
   return report;
 }
 
-IkReport IkSolver::follow(std::span<const EffectorTarget> targets,
-                          std::span<DualQuaternion> pose) {
+IkReport IkSolver::follow(std::span<const EffectorTarget> targets, std::span<DualQuaternion> pose) {
   State& s = *state_;
   IkReport report;
   s.tree.resolve(targets, s.goals);

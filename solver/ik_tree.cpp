@@ -52,8 +52,8 @@ Eigen::Vector3d log_of(const Eigen::Quaterniond& q) {
   const double n2 = q.vec().squaredNorm();
   const double sign = q.w() < 0.0 ? -1.0 : 1.0;
   if (n2 < 0.01) {  // 2 asin(n) / n
-    constexpr double c[] = {2.0,          1.0 / 3.0,      3.0 / 20.0,       5.0 / 56.0,
-                            35.0 / 576.0, 63.0 / 1408.0,  231.0 / 6656.0,   143.0 / 5120.0};
+    constexpr double c[] = {2.0,          1.0 / 3.0,     3.0 / 20.0,     5.0 / 56.0,
+                            35.0 / 576.0, 63.0 / 1408.0, 231.0 / 6656.0, 143.0 / 5120.0};
     double sum = c[7];
     for (int k = 6; k >= 0; --k) sum = sum * n2 + c[k];
     return (sign * sum) * q.vec();
@@ -282,7 +282,7 @@ void IkTree::store(const IkState& state, std::span<DualQuaternion> pose) const {
     Eigen::Vector3d offset = joint.offset;
     Eigen::Quaterniond motion;
     if (node.chart) {
-      motion = compose({x[0], x[1], x[2]}, joint.axes);
+      motion = node.after.conjugate() * swing_twist_motion(x[0], x[1], x[2]) * node.after;
     } else if (node.type == JointType::hinge) {
       motion = about(joint.axes[0], x[0]);
     } else if (node.type == JointType::universal) {
@@ -366,8 +366,8 @@ void IkTree::linearise(const IkState& state, IkKinematics& out) const {
       const double s0 = x[0], s1 = x[1], angle2 = s0 * s0 + s1 * s1;
       const HalfAngle<double> half = half_angle(angle2);
       const double a = 2.0 * half.sinc * half.cosine, b = 2.0 * half.sinc * half.sinc;
-      const double c = angle2 < 1e-4 ? 1.0 / 6.0 - angle2 * (1.0 / 120.0 - angle2 / 5040.0)
-                                     : (1.0 - a) / angle2;
+      const double c =
+          angle2 < 1e-4 ? 1.0 / 6.0 - angle2 * (1.0 / 120.0 - angle2 / 5040.0) : (1.0 - a) / angle2;
       const Eigen::Matrix3d m = q.toRotationMatrix();
       set(k, p, m * Eigen::Vector3d(a + c * s0 * s0, c * s0 * s1, -b * s1));
       set(k + 1, p, m * Eigen::Vector3d(c * s0 * s1, a + c * s1 * s1, b * s0));

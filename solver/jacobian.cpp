@@ -78,8 +78,7 @@ void add_line_mass(const IkGoal& goal, const Eigen::Vector3d& d, Inertia& inerti
   inertia.add_blocks(-arm * mass * arm, arm * mass, mass);
 }
 
-void add_point_curvature(const Eigen::Vector3d& d, const Eigen::Vector3d& force,
-                         Inertia& inertia) {
+void add_point_curvature(const Eigen::Vector3d& d, const Eigen::Vector3d& force, Inertia& inertia) {
   const Eigen::Matrix3d outer = 0.5 * d * force.transpose();
   inertia.add_blocks(d.dot(force) * Eigen::Matrix3d::Identity() - outer - outer.transpose(),
                      0.5 * cross_matrix(force), Eigen::Matrix3d::Zero());

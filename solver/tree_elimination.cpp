@@ -39,10 +39,10 @@ namespace {
 constexpr int kMaxPasses = 24;
 constexpr int kReleasePasses = 8;
 constexpr int kTangentPasses = 6;
-constexpr double kTouch = 1e-10;  // rad, m: nearer to a limit counts as on it
-constexpr double kSlide = 1e-9;   // rad: shorter ways along a tangent count as none,
+constexpr double kTouch = 1e-10;     // rad, m: nearer to a limit counts as on it
+constexpr double kSlide = 1e-9;      // rad: shorter ways along a tangent count as none,
 constexpr double kSlidePart = 0.02;  // and so do those that are this small a part of the whole step
-constexpr double kWall = 1e-9;    // rad: a side of the ellipse that has no width
+constexpr double kWall = 1e-9;       // rad: a side of the ellipse that has no width
 
 }  // namespace
 

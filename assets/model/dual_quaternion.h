@@ -71,7 +71,7 @@ struct DualQuaternionT {
   /// T(translation) R(rotation): rotate first, then translate. `rotation` must be unit.
   static DualQuaternionT from_rotation_translation(const Quaternion& rotation,
                                                    const Vector3& translation) {
-    return from_translation(translation) * from_rotation(rotation);
+    return {rotation, from_translation(translation).dual * rotation};
   }
 
   /// From a rigid 4x4 matrix; scale and shear must have been removed.

@@ -1,0 +1,47 @@
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "solver/ik_solver.h"
+
+namespace limber {
+
+/// Eight clips, or eight runs of one, solved frame by frame in lock-step: each SIMD lane is a clip.
+/// Floats inside, doubles and exact limits outside. A lane that a frame is too hard for is solved
+/// by an IkSolver of its own. Every SIMD level gives the same bytes.
+///
+/// For rigs whose effectors are poses and positions on joints that move; others are refused with
+/// `solver-lanes`.
+class LaneSolver {
+ public:
+  static constexpr int lanes = 8;
+
+  static Result<LaneSolver> create(const Rig&, const IkOptions& = {});
+  LaneSolver(LaneSolver&&) noexcept;
+  LaneSolver& operator=(LaneSolver&&) noexcept;
+  ~LaneSolver();
+
+  /// The SIMD level in use, and those this machine can run, the fastest first.
+  const char* level() const;
+  static std::vector<std::string> levels();
+  void use_level(const std::string&);
+
+  /// The pose that a lane's first frame starts from.
+  void start(int lane, std::span<const DualQuaternion> parent_from_joint);
+  /// The next frame of every lane; `targets`: [lane * effectors]. Returns how many lanes needed a
+  /// solver of their own.
+  int follow(std::span<const EffectorTarget> targets);
+  /// A lane's answer.
+  void pose(int lane, std::span<DualQuaternion> parent_from_joint) const;
+  IkReport report(int lane) const;
+
+ private:
+  struct State;
+  explicit LaneSolver(std::unique_ptr<State>);
+  std::unique_ptr<State> state_;
+};
+
+}  // namespace limber

@@ -14,9 +14,9 @@ namespace limber::test {
 // follows a target with six degrees of freedom. Every frame multiplies small turns onto the links'
 // own transforms, never rebuilt from angles: that is what lets a form drift.
 //
-// The solver is one damped least-squares step per frame on balls. With r_j from joint j to the end,
-// a turn w_j about it moves the end by (w_j x r_j, w_j); the step is w_j = y_p' ... = r_j x y_p +
-// y_r with (J J' + damping) y = error.
+// The solver is one damped least-squares step per frame on balls. A turn w about joint j, with r
+// the way from there to the end, moves the end by J w = (w x r, w); with (J J' + damping) y =
+// error, the step is w = J' y = r x y_position + y_rotation.
 
 /// When links are put right. `links`: a link after each of its updates. `levels`: besides, every
 /// product from the root to the end, as the paper does with its matrices.

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <cmath>
+#include <limits>
 
 #include "assets/model/dual_quaternion.h"
 

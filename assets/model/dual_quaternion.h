@@ -97,6 +97,7 @@ struct DualQuaternionT {
 
   // ---- algebra (any dual quaternion, unit or not)
 
+  /// 48 multiplications and 40 additions (Kenwright 2012, section 11, states 42 and 38).
   friend DualQuaternionT operator*(const DualQuaternionT& a, const DualQuaternionT& b) {
     return {a.real * b.real, sum(a.real * b.dual, a.dual * b.real)};
   }
@@ -139,6 +140,7 @@ struct DualQuaternionT {
 
   /// The nearest unit dual quaternion along the ray: divides by |real| and removes the dual part's
   /// component along the real part, so that real . dual = 0 (Kenwright 2012 omits the second step).
+  /// 20 multiplications, 10 additions, a division and a root.
   DualQuaternionT normalized() const {
     const Scalar inverse_norm = Scalar(1) / real.norm();
     DualQuaternionT r = inverse_norm * *this;

@@ -181,7 +181,8 @@ inline double excess(const RigJoint& joint, const Eigen::Quaterniond& rotation) 
       angle > 0.0 ? about(s.normalized(), angle) : Eigen::Quaterniond::Identity();
   const double twist = turn_about(z, swing.conjugate() * rotation);
   const double s0 = s.dot(joint.axes[0]), s1 = s.dot(joint.axes[1]);
-  // Radial distance to the ellipse; a side of no width counts by itself.
+  // The nearest of three points of the ellipse: towards its middle and towards either axis (a thin
+  // ellipse's border is no place to tell distances radially); a side of no width counts by itself.
   const double a = s0 < 0 ? -joint.limits[0].min : joint.limits[0].max;
   const double b = s1 < 0 ? -joint.limits[1].min : joint.limits[1].max;
   double out = 0.0;
@@ -189,7 +190,15 @@ inline double excess(const RigJoint& joint, const Eigen::Quaterniond& rotation) 
     out = std::max({0.0, std::abs(s0) - a, std::abs(s1) - b});
   } else {
     const double level = std::hypot(s0 / a, s1 / b);
-    if (level > 1.0) out = std::hypot(s0, s1) * (1.0 - 1.0 / level);
+    const auto along_axis = [](double s, double t, double half_s, double half_t) {
+      const double at = std::min(std::abs(s), half_s);
+      const double width = half_t * std::sqrt(1.0 - (at / half_s) * (at / half_s));
+      return std::hypot(std::abs(s) - at, std::max(0.0, std::abs(t) - width));
+    };
+    if (level > 1.0) {
+      out = std::min({std::hypot(s0, s1) * (1.0 - 1.0 / level), along_axis(s0, s1, a, b),
+                      along_axis(s1, s0, b, a)});
+    }
   }
   return std::max(out, beyond(joint.limits[2], twist));
 }

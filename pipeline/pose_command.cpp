@@ -17,6 +17,7 @@
 namespace limber {
 namespace {
 
+namespace fs = std::filesystem;
 using json = nlohmann::ordered_json;
 
 constexpr double kDegrees = 180.0 / M_PI;
@@ -55,7 +56,7 @@ std::string contact_line(const Rig& rig, const PoseOutcome& pose) {
   std::set<std::int32_t> joints;
   for (const LimitContact& contact : pose.contacts) joints.insert(contact.joint);
   if (joints.empty()) return "no joint on a limit";
-  std::string line = "on a limit: ";
+  std::string line = fmt::format("{} on a limit: ", joints.size());
   for (const std::int32_t j : joints) {
     if (line.back() != ' ') line += ", ";
     line += rig.joints[j].name;
@@ -163,12 +164,13 @@ json view_json(const PoseView& view) {
 }
 
 Result<Drawn> draw(const DressedRig& dressed, const std::vector<PoseOutcome>& poses,
-                   const std::string& title, const char* solver) {
+                   const PoseArgs& args, const std::string& description) {
   PoseSheet sheet;
-  sheet.title = title;
+  sheet.title = fmt::format("{}: {}", dressed.rig.name, fs::path(args.targets).stem().string());
+  sheet.description = description;
   sheet.character = &dressed.character;
   sheet.detail = fmt::format("{} joints, {} degrees of freedom, solver {}", dressed.rig.size(),
-                             dof_count(dressed.rig), solver);
+                             dof_count(dressed.rig), name_of(args.solver));
   for (const PoseOutcome& pose : poses) {
     PoseCell cell;
     cell.name = pose.name;
@@ -261,8 +263,7 @@ int pose(const PoseArgs& args) {
     failed = failed || pose.failed;
   }
   if (!args.sheet.empty()) {
-    const std::string title = rig.name + ": " + std::filesystem::path(args.targets).stem().string();
-    const auto drawn = draw(*dressed, *poses, title, name_of(args.solver));
+    const auto drawn = draw(*dressed, *poses, args, file->description);
     const auto written = drawn ? write_whole(args.sheet, drawn->png) : Result<void>(drawn.error());
     if (!written) return complain(written.error(), args.sheet.string(), args, kEnvironment);
     out["sheet"] = {{"path", args.sheet.string()},

@@ -98,6 +98,8 @@ class PoseSolver {
 
  private:
   Result<IkReport> solve(int restarts, std::vector<DualQuaternion>& pose) const;
+  Result<IkReport> descend(IkMethod, int restarts, std::vector<DualQuaternion>& pose) const;
+  Result<void> approach(std::vector<DualQuaternion>& pose) const;
   Result<void> search(std::span<const DualQuaternion> start);
   Result<void> judge();
 
@@ -117,8 +119,14 @@ Result<IkReport> PoseSolver::solve(int restarts, std::vector<DualQuaternion>& po
                     .cost = refined->cost_after,
                     .converged = refined->iterations < kMostIterations};
   }
+  return descend(solver_ == SolverChoice::pgs ? IkMethod::pgs : IkMethod::pgs_paper, restarts,
+                 pose);
+}
+
+Result<IkReport> PoseSolver::descend(IkMethod method, int restarts,
+                                     std::vector<DualQuaternion>& pose) const {
   IkOptions options;
-  options.method = solver_ == SolverChoice::pgs ? IkMethod::pgs : IkMethod::pgs_paper;
+  options.method = method;
   options.max_relinearisations = kMostIterations;
   options.restarts = restarts;
   if (options.method == IkMethod::pgs) {  // quadratic convergence: a tenth is nearly free
@@ -155,6 +163,17 @@ Result<void> PoseSolver::search(std::span<const DualQuaternion> start) {
   return {};
 }
 
+/// Where Ceres starts to say what can be reached: the answer, but no corner that a solver was
+/// caught in, for Ceres has no other starts of its own.
+Result<void> PoseSolver::approach(std::vector<DualQuaternion>& pose) const {
+  if (out_.reached || out_.searched > 0) return {};
+  std::vector<DualQuaternion> other = pose;
+  const auto report = descend(IkMethod::pgs, kRestarts, other);
+  if (!report) return report.error();
+  if (report->reached || report->cost < kClearlyNearer * out_.solver.cost) pose = std::move(other);
+  return {};
+}
+
 Result<void> PoseSolver::judge() {
   out_.effectors = measure(rig_, asked_, out_.parent_from_joint);
   out_.reached = true;
@@ -164,6 +183,7 @@ Result<void> PoseSolver::judge() {
         out_.reached && e.position_error_m < kReachedM && e.angle_error_rad < kReachedRad;
   }
   std::vector<DualQuaternion> refined = out_.parent_from_joint;
+  if (Result<void> near = approach(refined); !near) return near;
   const auto ceres = refine_with_ceres(rig_, targets_, refined, {.max_iterations = 50});
   if (!ceres) return ceres.error();
   out_.refined_cost = ceres->cost_after;

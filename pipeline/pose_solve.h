@@ -16,8 +16,8 @@ struct EffectorOutcome {
   DualQuaternion reached;         ///< world_from_effector of the answer
   double position_error_m = 0.0;  ///< 0 where no position is asked for; a line's: its distance
   double angle_error_rad = 0.0;   ///< 0 where no rotation is asked for; directions: between axes
-  /// Ceres, started from the answer, gets within 1 mm (within 0.5 degrees where no position is
-  /// asked for).
+  /// Ceres gets within 1 mm (within 0.5 degrees where no position is asked for), from the answer,
+  /// or from a clearly nearer pose that other starts lead to.
   bool reachable = false;
 };
 
@@ -30,7 +30,7 @@ struct PoseOutcome {
   LimitReport limits;
   IkReport solver;          ///< of ceres: its iterations as relinearisations, and the cost
   int searched = 0;         ///< relinearisations from other starts, beyond those of `solver`
-  double refined_cost = 0;  ///< after Ceres, started from the answer
+  double refined_cost = 0;  ///< after Ceres
   bool failed = false;      ///< a limit is broken or a number is not finite
 
   /// The effector with the largest position error, or angle where no position counts; null: none.

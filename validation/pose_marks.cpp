@@ -87,6 +87,19 @@ Vector3d shown_target(const PoseMark& mark, double most_m) {
                           : Vector3d(reached + miss * (most_m / length));
 }
 
+std::vector<Vector3d> extent_of(const PoseMark& mark, double axis_m, double most_m) {
+  const Vector3d target = shown_target(mark, most_m), reached = mark.reached.translation();
+  std::vector<Vector3d> points{target, reached};
+  if (!mark.oriented) return points;
+  const bool far = (target - mark.target.translation()).norm() > 1e-9;
+  for (int k = 0; k < 3; ++k) {
+    const Vector3d axis = axis_m * kAxisShare[k] * Vector3d::Unit(k);
+    points.emplace_back(reached + mark.reached.rotation() * axis);
+    if (!far) points.emplace_back(target + mark.target.rotation() * axis);
+  }
+  return points;
+}
+
 void draw_pose_marks(Canvas& canvas, const Box& cell, const Camera& camera,
                      std::span<const PoseMark> marks, double axis_m, double most_m) {
   const Pen pen(canvas, cell, camera, axis_m);
@@ -102,8 +115,8 @@ void draw_pose_marks(Canvas& canvas, const Box& cell, const Camera& camera,
                     pen.triad(reached, mark.reached.rotation(), mark.oriented), far});
   }
   for (const Seen& s : seen) {
-    pen.draw(s.reached, 5.0, 7.5, kWhite, 0.75);
-    if (!s.far) pen.draw(s.target, 7.5, 9.0, kWhite, 0.75);
+    pen.draw(s.reached, 6.0, 8.0, kWhite, 0.8);
+    if (!s.far) pen.draw(s.target, 9.5, 9.5, kWhite, 0.8);
   }
   for (const Seen& s : seen) {
     if ((s.target.origin - s.reached.origin).norm() > kApart) {
@@ -113,10 +126,10 @@ void draw_pose_marks(Canvas& canvas, const Box& cell, const Camera& camera,
     if (s.far) {
       pen.arrow_head(s.reached.origin, s.target.origin, palette::kTarget);
     } else {
-      pen.draw(s.target, 5.0, 7.0, palette::kTarget);
+      pen.draw(s.target, 7.0, 8.0, palette::kTarget);
     }
   }
-  for (const Seen& s : seen) pen.draw(s.reached, 2.2, 4.2, palette::kReached);
+  for (const Seen& s : seen) pen.draw(s.reached, 3.2, 4.6, palette::kReached);
 }
 
 }  // namespace limber

@@ -1,6 +1,7 @@
 #include "validation/pose_sheet.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <memory>
 
@@ -16,9 +17,9 @@ using Eigen::Vector3d;
 
 constexpr std::int32_t kMargin = 36, kGap = 18, kPadding = 14, kViewGap = 8;
 constexpr std::int32_t kHead = 96, kCardWidth = 684, kViewHeight = 430;
-constexpr std::int32_t kTitle = 44, kLine = 21, kFoot = 12;  // of a card, px
+constexpr std::int32_t kTitle = 44, kLine = 21, kFoot = 12, kLabel = 18;  // of a card, px
 constexpr std::size_t kMostColumns = 3;
-constexpr double kAxis = 0.085;      // length of a mark's longest axis over the picture's size
+constexpr double kAxis = 0.1;        // length of a mark's longest axis, over the figure's size
 constexpr double kMostMissed = 0.7;  // how far a target is followed, over the figure's size
 
 Error invalid(std::string message) {
@@ -149,19 +150,19 @@ PoseView Artist::draw(Canvas& canvas, const Box& box, const PoseCell& cell,
   Bounds bounds;
   for (const Vector3d& p : points) bounds.include(p);
   scene.size = bounds.size();
-  const double most = kMostMissed * scene.size;
+  const double most = kMostMissed * scene.size, axis = kAxis * scene.size;
   std::vector<PoseMark> marks;
   for (const std::size_t i : shot.marks) {
     marks.push_back(cell.marks[i]);
-    points.push_back(shown_target(cell.marks[i], most) + shift);
-    points.push_back(cell.marks[i].reached.translation() + shift);
+    for (const Vector3d& p : extent_of(cell.marks[i], axis, most)) points.push_back(p + shift);
   }
   const ViewDirection view = direction_of(shot, character_.skeleton, model);
-  RowCamera framing(view, box.width, box.height);
+  const std::int32_t room = box.height - (*shot.label != '\0' ? kLabel : 0);
+  RowCamera framing(view, box.width, room);
   framing.include(points, scene.anchor);
   const std::int32_t height = framing.fit();
   scene.camera = framing.at(scene.anchor);
-  scene.camera.centre_px.y() += (view.ground ? 1.0 : 0.5) * (box.height - height);
+  scene.camera.centre_px.y() += (view.ground ? 1.0 : 0.5) * (room - height);
   scene.ground = view.ground;
   scene.up = view.up;
   draw_scene(canvas, box, scene);
@@ -169,9 +170,6 @@ PoseView Artist::draw(Canvas& canvas, const Box& box, const PoseCell& cell,
   PoseView out{0, box, scene.camera};
   out.camera.eye -= shift;
   out.camera.centre_px += Eigen::Vector2d(box.x, box.y);
-  const double seen_m = box.width / scene.camera.focal_px *
-                        (scene.camera.eye - scene.anchor).norm();  // across the picture
-  const double axis = kAxis * std::min(seen_m, 1.2 * scene.size);
   draw_pose_marks(canvas, box, out.camera, marks, axis, most);
   canvas.text(box.x + 9, box.y + box.height - 9, shot.label, 9, palette::kMuted);
   return out;
@@ -187,6 +185,32 @@ void draw_badge(Canvas& canvas, double right, double base, const std::string& ve
   canvas.text(x + 0.5 * width, base, word, 9, {255, 255, 255}, Align::centre, 1.4);
 }
 
+/// Title and what the rig is; description and legend below.
+void draw_head(Canvas& canvas, const PoseSheet& sheet, const BodyPlan& whole, bool tinted,
+               std::int32_t width) {
+  const double right = kMargin + width, base = kMargin + 22, below = kMargin + 62;
+  const double detail = Canvas::text_width(sheet.detail, 10) + 30;
+  canvas.text(kMargin, base, Canvas::fitted(sheet.title, 19, width - detail), 19, palette::kInk,
+              Align::left, 0.95);
+  canvas.text(right, base, sheet.detail, 10, palette::kMuted, Align::right);
+  const double legend = draw_legend(canvas, {right, below}, whole, true, tinted);
+  const double room = legend - kMargin;
+  if (room < 60.0) return;
+  canvas.text(kMargin, below, Canvas::fitted(sheet.description, 10, room), 10, palette::kMuted);
+}
+
+/// The text on two lines, broken after a comma; the second is cut where it is too long.
+std::array<std::string, 2> in_two_lines(const std::string& text, double room) {
+  std::size_t end = text.size();
+  while (Canvas::text_width(text.substr(0, end), 10) > room) {
+    const std::size_t comma = text.rfind(", ", end - 2);
+    if (comma == std::string::npos || comma < 2) return {Canvas::fitted(text, 10, room), ""};
+    end = comma + 1;
+  }
+  if (end == text.size()) return {text, ""};
+  return {text.substr(0, end), Canvas::fitted(text.substr(end + 1), 10, room)};
+}
+
 /// Name and verdict above the pictures, figures below.
 void draw_words(Canvas& canvas, const Box& card, const PoseCell& cell) {
   const double left = card.x + kPadding, right = card.x + card.width - kPadding;
@@ -199,8 +223,10 @@ void draw_words(Canvas& canvas, const Box& card, const PoseCell& cell) {
     canvas.text(left, y, Canvas::fitted(line, 10, room), 10, palette::kInk);
     y += kLine;
   }
-  canvas.text(left, y, Canvas::fitted(cell.limit_line, 10, room), 10,
-              cell.tinted_joints.empty() ? palette::kMuted : palette::kTint);
+  for (const std::string& line : in_two_lines(cell.limit_line, room)) {
+    canvas.text(left, y, line, 10, cell.tinted_joints.empty() ? palette::kMuted : palette::kTint);
+    y += kLine;
+  }
 }
 
 }  // namespace
@@ -213,7 +239,7 @@ Result<PosePicture> render_pose_sheet(const PoseSheet& sheet) {
     if (cell.parent_from_joint.size() != sheet.character->skeleton.parents.size()) {
       return invalid("a pose does not fit the character's joints");
     }
-    lines = std::max(lines, cell.lines.size() + 1);
+    lines = std::max(lines, cell.lines.size() + 2);
     tinted = tinted || !cell.tinted_joints.empty();
   }
   const BodyPlan whole = plan_of(*sheet.character);
@@ -226,15 +252,7 @@ Result<PosePicture> render_pose_sheet(const PoseSheet& sheet) {
   };
   const std::int32_t width = across(columns, kCardWidth), height = across(rows, card_height);
   Canvas canvas(width + 2 * kMargin, height + kHead + 2 * kMargin, palette::kPage);
-  const double used = canvas.text(kMargin, kMargin + 22, Canvas::fitted(sheet.title, 19, width), 19,
-                                  palette::kInk, Align::left, 0.95);
-  const double left = width - used - 24;
-  const bool beside = Canvas::text_width(sheet.detail, 10) < left;
-  if (beside) {
-    canvas.text(kMargin + width, kMargin + 22, sheet.detail, 10, palette::kMuted, Align::right);
-  }
-  draw_legend(canvas, Eigen::Vector2d(kMargin + width, kMargin + 62), whole, true, tinted);
-
+  draw_head(canvas, sheet, whole, tinted, width);
   const Artist artist(*sheet.character, whole);
   PosePicture picture;
   for (std::size_t i = 0; i < count; ++i) {

@@ -26,11 +26,11 @@ struct PoseCell {
   std::vector<PoseMark> marks;
   std::vector<std::int32_t> tinted_joints;  ///< on a limit
   std::vector<std::string> lines;           ///< below the picture; too long ones are cut
-  std::string limit_line;                   ///< the last line, in the tint's colour
+  std::string limit_line;                   ///< last, in the tint's colour, over two lines
 };
 
 struct PoseSheet {
-  std::string title, detail;
+  std::string title, detail, description;  ///< cut where too long
   const Character* character = nullptr;
   std::vector<PoseCell> cells;  ///< at least one
 };

@@ -14,8 +14,8 @@ Rgb verdict_color(const std::string& verdict) {
 
 }  // namespace
 
-void draw_legend(Canvas& canvas, const Eigen::Vector2d& right_base, const BodyPlan& plan,
-                 bool marks, bool tinted) {
+double draw_legend(Canvas& canvas, const Eigen::Vector2d& right_base, const BodyPlan& plan,
+                   bool marks, bool tinted) {
   double right = right_base.x();
   const auto entry = [&](const char* word, Rgb color) {
     right -= canvas.text(right, right_base.y(), word, 9.5, palette::kMuted, Align::right);
@@ -35,6 +35,7 @@ void draw_legend(Canvas& canvas, const Eigen::Vector2d& right_base, const BodyPl
     entry("right", palette::kRight);
     entry("left", palette::kLeft);
   }
+  return right;
 }
 
 void draw_head(Canvas& canvas, const Box& box, const ContactSheet& sheet, const BodyPlan& plan) {

@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "pipeline/pose_command.h"
@@ -6,75 +7,117 @@
 namespace limber {
 namespace {
 
-constexpr double kStep = 0.15;  // of the rig's size
+constexpr double kPull = 0.15;   // towards the limb's base, of its length
+constexpr double kTooFar = 0.5;  // away from it
+constexpr double kBend = 0.4;    // of a joint's range
+constexpr int kLimbJoints = 4;   // at most
 
-/// Distance of the farthest joint or effector from the root, at rest.
-double size_of(const Rig& rig, std::span<const DualQuaternion> world) {
-  double size = 0.0;
-  const Eigen::Vector3d root = world[0].translation();
-  for (const DualQuaternion& joint : world) {
-    size = std::max(size, (joint.translation() - root).norm());
-  }
-  for (const RigEffector& e : rig.effectors) {
-    size = std::max(size, (world[e.joint].transform_point(e.offset) - root).norm());
-  }
-  return size;
-}
+/// An effector to play with, and the joints between it and the next one that is held.
+struct Limb {
+  const RigEffector* tip = nullptr;
+  std::vector<std::int32_t> joints;  // tip first
+};
 
 bool can_move(const RigEffector& effector) {
   return effector.kind == EffectorKind::pose || effector.kind == EffectorKind::position;
 }
 
-/// The effector to play with: the strong one at the end of the longest chain.
-const RigEffector* tip_of(const Rig& rig) {
-  const auto depth = [&](const RigEffector& effector) {
-    int joints = 0;
-    for (std::int32_t j = effector.joint; j != kNoJoint; j = rig.joints[j].parent) ++joints;
-    return joints + (effector.strong ? rig.size() : 0);
-  };
-  const RigEffector* tip = nullptr;
+int depth_of(const Rig& rig, const RigEffector& effector) {
+  int joints = effector.strong ? rig.size() : 0;  // strong ones first
+  for (std::int32_t j = effector.joint; j != kNoJoint; j = rig.joints[j].parent) ++joints;
+  return joints;
+}
+
+/// The limb of the strong effector at the end of the longest chain.
+Limb limb_of(const Rig& rig) {
+  Limb limb;
   for (const RigEffector& effector : rig.effectors) {
-    if (can_move(effector) && (tip == nullptr || depth(effector) > depth(*tip))) tip = &effector;
+    if (!can_move(effector)) continue;
+    if (limb.tip == nullptr || depth_of(rig, effector) > depth_of(rig, *limb.tip)) {
+      limb.tip = &effector;
+    }
   }
-  return tip;
+  if (limb.tip == nullptr) return limb;
+  const auto held = [&](std::int32_t joint) {
+    return std::any_of(rig.effectors.begin(), rig.effectors.end(),
+                       [&](const RigEffector& e) { return e.strong && e.joint == joint; });
+  };
+  std::int32_t joint = limb.tip->joint;
+  do {
+    limb.joints.push_back(joint);
+    joint = rig.joints[joint].parent;
+  } while (joint != kNoJoint && !held(joint) && limb.joints.size() < kLimbJoints);
+  return limb;
+}
+
+using json = nlohmann::ordered_json;
+
+/// Hinges and universal joints bent into their ranges, in whole degrees.
+json bent(const Rig& rig, const Limb& limb) {
+  json posture = json::object();
+  for (const std::int32_t j : limb.joints) {
+    const RigJoint& joint = rig.joints[j];
+    if (joint.type != JointType::hinge && joint.type != JointType::universal) continue;
+    json degrees = json::array();
+    for (std::int32_t k = 0; k < dof_count(joint.type); ++k) {
+      const Range& range = joint.limits[k];
+      const double angle = joint.limited() ? range.min + kBend * (range.max - range.min) : kBend;
+      degrees.push_back(std::round(angle * 180.0 / M_PI));
+    }
+    posture[joint.name] = degrees;
+  }
+  return posture;
+}
+
+json in_mm(const Eigen::Vector3d& v) {
+  const auto rounded = [](double x) { return std::round(1e3 * x) / 1e3; };
+  return {rounded(v.x()), rounded(v.y()), rounded(v.z())};
+}
+
+json example_poses(const Rig& rig) {
+  json poses = json::array({{{"name", "as at rest"}, {"targets", json::array()}}});
+  const Limb limb = limb_of(rig);
+  if (limb.tip == nullptr) return poses;
+  std::vector<DualQuaternion> world(rig.joints.size());
+  const Skeleton skeleton = skeleton_of(rig);
+  model_from_local(skeleton, skeleton.rest_parent_from_joint, world);
+  const Eigen::Vector3d tip = world[limb.tip->joint].transform_point(limb.tip->offset);
+  const Eigen::Vector3d reach = tip - world[limb.joints.back()].translation();
+
+  const std::string& name = limb.tip->name;
+  const auto row = [&](const char* key, const Eigen::Vector3d& v) {
+    return json{{"effector", name}, {key, in_mm(v)}};
+  };
+  if (const json posture = bent(rig, limb); !posture.empty()) {
+    poses.push_back({{"name", name + " where a posture puts it"}, {"posture", posture}});
+  }
+  poses.push_back({{"name", name + " pulled in, turning freely"},
+                   {"targets", json::array({row("offset", -kPull * reach)})}});
+  json far = row("position", tip + kTooFar * reach);
+  if (limb.tip->kind == EffectorKind::pose) far["turn_deg"] = {0.0, 0.0, 30.0};
+  far["weight"] = 2.0;
+  poses.push_back(
+      {{"name", name + " pulled too far"}, {"start", "previous"}, {"targets", json::array({far})}});
+  return poses;
 }
 
 }  // namespace
 
 std::string example_targets(const Rig& rig) {
-  using json = nlohmann::ordered_json;
-  std::vector<DualQuaternion> world(rig.joints.size());
-  const Skeleton skeleton = skeleton_of(rig);
-  model_from_local(skeleton, skeleton.rest_parent_from_joint, world);
-  const double step = std::max(1e-3, std::round(1e3 * kStep * size_of(rig, world)) * 1e-3);
   json hold = json::array();
   for (const RigEffector& effector : rig.effectors) {
     if (effector.strong) hold.push_back(effector.name);
   }
   if (hold.empty()) hold.push_back(rig.effectors.front().name);
-  json poses = json::array({{{"name", "as at rest"}, {"targets", json::array()}}});
-  if (const RigEffector* tip = tip_of(rig)) {
-    json row{{"effector", tip->name}, {"offset", {0.0, -0.5 * step, -0.5 * step}}};
-    poses.push_back({{"name", tip->name + " moved"}, {"targets", json::array({row})}});
-    if (tip->kind == EffectorKind::pose) {
-      row["turn_deg"] = {0.0, 0.0, 30.0};
-      poses.push_back({{"name", tip->name + " moved and turned"},
-                       {"start", "previous"},
-                       {"targets", json::array({row})}});
-    }
-    const Eigen::Vector3d point = world[tip->joint].transform_point(tip->offset);
-    const Eigen::Vector3d far = point + Eigen::Vector3d(0.0, 2.0 * step, 0.0);
-    row = {{"effector", tip->name}, {"position", {far.x(), far.y(), far.z()}}, {"weight", 2.0}};
-    poses.push_back({{"name", "too far for " + tip->name}, {"targets", json::array({row})}});
-  }
   const json document{
       {"format", "limber/targets/1"},
       {"description",
-       "Metres, +Y up. 'hold' keeps effectors where they are at rest, unless a pose names them. "
-       "'offset' and 'turn_deg' (a rotation vector) count from rest; 'position' and 'rotation' "
-       "(w, x, y, z) are world. What is left out is free."},
+       "Metres, +Y up. 'hold' keeps effectors where they stand at rest, or in a pose's 'posture' "
+       "(joint angles, degrees), unless a target names them. 'offset' and 'turn_deg' (a rotation "
+       "vector) count from there; 'position' and 'rotation' (w, x, y, z) are in world space. What "
+       "is left out is free."},
       {"hold", hold},
-      {"poses", poses}};
+      {"poses", example_poses(rig)}};
   return document.dump(1);
 }
 

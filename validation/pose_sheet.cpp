@@ -20,6 +20,7 @@ constexpr std::int32_t kHead = 96, kCardWidth = 684, kViewHeight = 430;
 constexpr std::int32_t kTitle = 44, kLine = 21, kFoot = 12, kLabel = 18;  // of a card, px
 constexpr std::size_t kMostColumns = 3;
 constexpr double kAxis = 0.1;        // length of a mark's longest axis, over the figure's size
+constexpr double kFarAway = 100.0;   // m from the origin
 constexpr double kMostMissed = 0.7;  // how far a target is followed, over the figure's size
 
 Error invalid(std::string message) {
@@ -61,7 +62,8 @@ struct Shot {
   std::vector<std::size_t> marks;  ///< of the cell
 };
 
-/// The shots of one cell: the whole figure, then the hands whose fingers are pulled, else the side.
+/// The shots of one cell: the whole figure, then the hands whose fingers are pulled (their marks
+/// are drawn there alone), else the side.
 std::vector<Shot> shots_of(const Character& character, const PoseCell& cell) {
   const BodyPlan whole = plan_of(character);
   std::vector<std::size_t> all(cell.marks.size());
@@ -77,10 +79,15 @@ std::vector<Shot> shots_of(const Character& character, const PoseCell& cell) {
     }
     if (hand.marks.empty()) continue;
     hand.plan = hand_plan_of(character, side);
-    if (hand.plan.hand_only) shots.push_back(std::move(hand));
+    if (!hand.plan.hand_only) continue;
+    std::erase_if(shots[0].marks, [&](std::size_t i) {  // they would hide the small hand
+      return std::find(hand.marks.begin(), hand.marks.end(), i) != hand.marks.end();
+    });
+    shots.push_back(std::move(hand));
   }
   if (shots.size() == 1) {
-    shots.push_back({whole, true, whole.hand_only ? "thumb's side" : "side", all});
+    const char* label = whole.hand_only ? "thumb's side" : whole.stands ? "side" : "from above";
+    shots.push_back({whole, true, label, all});
   }
   return shots;
 }
@@ -114,6 +121,15 @@ double floor_of(const Character& character, const BodyPlan& plan) {
   return lowest < -0.1 * size || lowest > 0.5 * size ? lowest : 0.0;
 }
 
+/// What neither stands nor is a hand (an arm, a tool) is seen from above, front at the bottom.
+ViewDirection view_from_above(const Eigen::Vector3d& forward) {
+  ViewDirection view;
+  view.towards_eye = (Vector3d::UnitY() + 0.25 * forward).normalized();
+  view.up = -forward;
+  view.ground = false;
+  return view;
+}
+
 /// The view's direction: a body keeps the one it has at rest, so that its turns show; a hand is
 /// followed.
 ViewDirection direction_of(const Shot& shot, const Skeleton& skeleton,
@@ -121,7 +137,9 @@ ViewDirection direction_of(const Shot& shot, const Skeleton& skeleton,
   std::vector<DualQuaternion> rest(posed.size());
   model_from_local(skeleton, skeleton.rest_parent_from_joint, rest);
   const std::span<const DualQuaternion> seen = shot.plan.hand_only ? posed : rest;
-  return shot.side ? side_view(skeleton, shot.plan, seen) : front_view(skeleton, shot.plan, seen);
+  if (!shot.side) return front_view(skeleton, shot.plan, seen);
+  if (shot.plan.hand_only || shot.plan.stands) return side_view(skeleton, shot.plan, seen);
+  return view_from_above(facing_of(shot.plan, seen));
 }
 
 class Artist {
@@ -139,13 +157,21 @@ class Artist {
 
 PoseView Artist::draw(Canvas& canvas, const Box& box, const PoseCell& cell,
                       const Shot& shot) const {
-  const Vector3d shift(0.0, -floor_y_, 0.0);
   std::vector<DualQuaternion> model(character_.skeleton.parents.size());
   model_from_local(character_.skeleton, cell.parent_from_joint, model);
+  ViewDirection view = direction_of(shot, character_.skeleton, model);
+  Vector3d shift(0.0, -floor_y_, 0.0);
+  if (model[shot.plan.pelvis].translation().norm() > kFarAway) {  // surfaces are single precision
+    shift = -model[shot.plan.pelvis].translation();
+    view.ground = false;
+  }
+  const auto moved =
+      DualQuaternion::from_rotation_translation(Eigen::Quaterniond::Identity(), shift);
+  for (DualQuaternion& joint : model) joint = moved * joint;
   FigureModel figure(character_, shot.plan, cell.tinted_joints);
   CellScene scene;
-  scene.surfaces = figure.pose(model, 1.0, shift);
-  scene.anchor = model[shot.plan.pelvis].translation() + shift;
+  scene.surfaces = figure.pose(model, 1.0, Vector3d::Zero());
+  scene.anchor = model[shot.plan.pelvis].translation();
   std::vector<Vector3d> points = points_of(scene.surfaces);
   Bounds bounds;
   for (const Vector3d& p : points) bounds.include(p);
@@ -156,7 +182,6 @@ PoseView Artist::draw(Canvas& canvas, const Box& box, const PoseCell& cell,
     marks.push_back(cell.marks[i]);
     for (const Vector3d& p : extent_of(cell.marks[i], axis, most)) points.push_back(p + shift);
   }
-  const ViewDirection view = direction_of(shot, character_.skeleton, model);
   const std::int32_t room = box.height - (*shot.label != '\0' ? kLabel : 0);
   RowCamera framing(view, box.width, room);
   framing.include(points, scene.anchor);

@@ -20,6 +20,10 @@ constexpr int kMaxDepth = 256;
 /// The way out of a document that does not say what its format demands.
 const char* hint_for(std::string_view code) {
   if (code == "rig-json") return "compare with assets/data/rigs/ikrig.schema.json";
+  if (code == "targets-json") {
+    return "compare with assets/data/schemas/targets.schema.json, or start from "
+           "`limber pose RIG --example`";
+  }
   return "the file breaks the rules of its format: run the Khronos glTF validator, export it again";
 }
 

@@ -6,10 +6,10 @@
 #include <nlohmann/json.hpp>
 #include <set>
 
-#include "assets/model/mannequin.h"
 #include "exporters/exporter.h"
 #include "importers/rig_json.h"
 #include "pipeline/codes.h"
+#include "pipeline/dressed_rig.h"
 #include "pipeline/embedded.h"
 #include "pipeline/file_io.h"
 #include "pipeline/sheets.h"
@@ -240,15 +240,14 @@ int rig_list_command(bool as_json) {
   return kAllPassed;
 }
 
-namespace {
-
-/// A command that parses files of strangers runs in a process of its own and prints from there.
 int isolated_command(const std::function<int()>& work) {
   const auto answer = run_isolated([&] { return std::to_string(work()); });
   if (answer) return std::atoi(answer->c_str());
   print_error(answer.error());
   return kUsage;
 }
+
+namespace {
 
 int rig_new(const RigNewArgs& args) {
   TargetOptions options;
@@ -268,29 +267,6 @@ int rig_new(const RigNewArgs& args) {
              args.output.string(), target->rig.size(), dof_count(target->rig),
              target->calibration.reference, target->calibration.residual_deg);
   return kAllPassed;
-}
-
-/// A rig and the figure that wears it: shipped, from a rig file, or a character's own.
-struct DressedRig {
-  Rig rig;
-  Character character;
-};
-
-Result<DressedRig> dressed_rig(const std::string& name_or_path) {
-  if (auto rig = shipped_rig(name_or_path)) return DressedRig{*rig, mannequin(*rig)};
-  if (fs::path(name_or_path).extension() == ".json") {
-    const auto text = read_text(name_or_path);
-    if (!text) return text.error();
-    auto rig = read_rig_json(*text);
-    if (!rig) {
-      rig.error().file = name_or_path;
-      return rig.error();
-    }
-    return DressedRig{*rig, mannequin(*rig)};
-  }
-  auto target = load_target(name_or_path, {});
-  if (!target) return target.error();
-  return DressedRig{std::move(target->rig), std::move(target->character)};
 }
 
 int rig_show(const RigShowArgs& args) {

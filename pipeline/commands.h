@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <optional>
 #include <string>
 #include <vector>
@@ -74,6 +75,9 @@ int validate_command(const ValidateArgs&);
 
 int doctor_command(bool json);
 int explain_command(const std::string& code);
+
+/// A command that parses files of strangers runs in a process of its own and prints from there.
+int isolated_command(const std::function<int()>& work);
 
 /// "file: message [code] (joint J, frame F)" and the way out, on standard error.
 void print_error(const Error&);

@@ -9,6 +9,7 @@
 
 #include "pipeline/bench_command.h"
 #include "pipeline/commands.h"
+#include "pipeline/pose_command.h"
 #include "pipeline/version.h"
 
 namespace limber {
@@ -73,6 +74,12 @@ ReferenceChoice parse_reference(const std::string& text) {
   return choice;
 }
 
+SolverChoice solver_named(const std::string& name) {
+  return name == "pgs"     ? SolverChoice::pgs
+         : name == "ceres" ? SolverChoice::ceres
+                           : SolverChoice::pgs_paper;
+}
+
 class Program {
  public:
   Program()
@@ -83,6 +90,7 @@ class Program {
     add_map();
     add_rig();
     add_retarget();
+    add_pose();
     add_validate();
     add_sheet();
     add_bench();
@@ -198,13 +206,32 @@ class Program {
                                                : RootMode::in_place;
     options.effectors.fingers = fingers_ == "curl" ? FingerMode::curl : FingerMode::rest;
     options.refine = refine_ == "none" ? RefineMode::none : RefineMode::frame;
-    options.solver = solver_ == "pgs"     ? SolverChoice::pgs
-                     : solver_ == "ceres" ? SolverChoice::ceres
-                                          : SolverChoice::pgs_paper;
+    options.solver = solver_named(solver_);
     job.sandbox = sandbox_ == "auto"  ? SandboxMode::automatic
                   : sandbox_ == "off" ? SandboxMode::off
                                       : SandboxMode::require;
     return retarget_command(retarget_);
+  }
+
+  void add_pose() {
+    auto* c = app_.add_subcommand("pose", "pull a rig to targets and draw what it reaches");
+    c->add_option("rig", pose_.rig, "a shipped rig's name, a rig JSON or a character")->required();
+    auto* targets = c->add_option("--targets", pose_.targets,
+                                  "limber/targets/1: a file, or a shipped one's name");
+    auto* example = c->add_flag("--example", pose_.example, "print targets to start from");
+    targets->excludes(example);
+    c->add_option("-o,--output", pose_.sheet, "draw the poses here (PNG)");
+    c->add_option("--solver", pose_solver_)
+        ->check(CLI::IsMember({"pgs", "pgs-paper", "ceres"}))
+        ->capture_default_str();
+    c->add_flag("--json", pose_.json, "one JSON document on standard output");
+    c->callback([this] {
+      if (pose_.targets.empty() && !pose_.example) {
+        throw CLI::RequiredError("--targets (or --example)");
+      }
+      pose_.solver = solver_named(pose_solver_);
+      code_ = pose_command(pose_);
+    });
   }
 
   void add_validate() {
@@ -264,6 +291,8 @@ class Program {
                                         reference_, fingers_ = "rest", sandbox_ = "auto";
   double rate_ = 0.0;
   std::vector<std::string> formats_;
+  PoseArgs pose_;
+  std::string pose_solver_ = "pgs";
   ValidateArgs validate_;
   SheetArgs sheet_;
   BenchArgs bench_;

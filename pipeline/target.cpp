@@ -194,16 +194,23 @@ void model_from_rows(const Rig& rig, std::span<const DualQuaternion> row_local,
   }
 }
 
+void skeleton_local_from_rows(const Rig& rig, std::span<const std::int32_t> joint_of_row,
+                              const Skeleton& skeleton, std::span<const DualQuaternion> row_local,
+                              std::span<DualQuaternion> parent_from_joint) {
+  std::vector<DualQuaternion> model(parent_from_joint.size());
+  for (std::size_t i = 0; i < joint_of_row.size(); ++i) {
+    const std::int32_t parent = rig.joints[i].parent;
+    model[joint_of_row[i]] =
+        parent == kNoJoint ? row_local[i] : model[joint_of_row[parent]] * row_local[i];
+  }
+  local_from_model(skeleton, model, parent_from_joint);
+  for (DualQuaternion& q : parent_from_joint) q = q.normalized();
+}
+
 void skeleton_local_from_rig(const Target& target, std::span<const DualQuaternion> row_local,
                              std::span<DualQuaternion> parent_from_joint) {
-  std::vector<DualQuaternion> model(parent_from_joint.size());
-  for (std::size_t i = 0; i < target.joint_of_row.size(); ++i) {
-    const std::int32_t parent = target.rig.joints[i].parent;
-    model[target.joint_of_row[i]] =
-        parent == kNoJoint ? row_local[i] : model[target.joint_of_row[parent]] * row_local[i];
-  }
-  local_from_model(target.character.skeleton, model, parent_from_joint);
-  for (DualQuaternion& q : parent_from_joint) q = q.normalized();
+  skeleton_local_from_rows(target.rig, target.joint_of_row, target.character.skeleton, row_local,
+                           parent_from_joint);
 }
 
 }  // namespace limber

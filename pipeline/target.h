@@ -54,6 +54,11 @@ Rig limited_rig(const Character&, const Figure&, const Calibration&, bool limits
 void model_from_rows(const Rig&, std::span<const DualQuaternion> row_local,
                      std::span<DualQuaternion> model_from_row);
 
+/// A pose of a skeleton from a pose of a rig's rows, both local; row i is joint `joint_of_row[i]`.
+void skeleton_local_from_rows(const Rig&, std::span<const std::int32_t> joint_of_row,
+                              const Skeleton&, std::span<const DualQuaternion> row_local,
+                              std::span<DualQuaternion> parent_from_joint);
+
 /// A pose of the target's skeleton from a pose of the rig's rows, both local.
 void skeleton_local_from_rig(const Target&, std::span<const DualQuaternion> row_local,
                              std::span<DualQuaternion> parent_from_joint);

@@ -79,6 +79,13 @@ bool looks_like_role(std::string_view name) {
   return skip > 0 && std::find(kEnds.begin(), kEnds.end(), name.substr(skip)) != kEnds.end();
 }
 
+/// The middle of the body, whichever joint it hangs on: a rig may be rooted at a foot.
+bool is_of_trunk(std::string_view role) {
+  constexpr std::array<std::string_view, 6> kTrunk = {"hips",       "spine", "chest",
+                                                      "upperChest", "neck",  "head"};
+  return std::find(kTrunk.begin(), kTrunk.end(), role) != kTrunk.end();
+}
+
 bool named_sides(const Character& character, BodyPlan& plan) {
   const Skeleton& skeleton = character.skeleton;
   bool left = false, right = false;
@@ -86,7 +93,9 @@ bool named_sides(const Character& character, BodyPlan& plan) {
     BodySide side = side_in_name(plan.roles[i]);
     if (side == BodySide::centre) side = side_in_name(skeleton.names[i]);
     const std::int32_t parent = skeleton.parents[i];
-    if (side == BodySide::centre && parent != kNoJoint) side = plan.sides[parent];
+    if (side == BodySide::centre && parent != kNoJoint && !is_of_trunk(plan.roles[i])) {
+      side = plan.sides[parent];
+    }
     plan.sides[i] = side;
     left = left || side == BodySide::left;
     right = right || side == BodySide::right;

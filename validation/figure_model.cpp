@@ -190,7 +190,7 @@ void FigureModel::add_part(const Mesh& mesh, const Material& material, bool plai
         tint = std::max(tint, 1.0F - (at_rest[v] - patch.centre).norm() / patch.radius);
       }
     }
-    surface.colors.push_back(color + std::min(1.0F, 1.6F * tint) * (sides.tint - color));
+    surface.colors.push_back(color + std::min(1.0F, 3.0F * tint) * (sides.tint - color));
   }
   SkinnedPart part;
   part.mesh = &mesh;

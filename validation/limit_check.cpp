@@ -123,4 +123,49 @@ std::vector<std::int32_t> joints_at_limit(const Rig& rig, const Clip& clip, doub
   return joints;
 }
 
+namespace {
+
+/// The joint with its ranges narrowed by the margin; a swing's never beyond zero.
+RigJoint narrowed_swing(RigJoint ball, double margin) {
+  for (int k = 0; k < 2; ++k) {
+    Range& range = ball.limits[k];
+    if (range.max - range.min <= 2.0 * margin) continue;
+    range = {std::min(range.min + margin, 0.0), std::max(range.max - margin, 0.0)};
+  }
+  return ball;
+}
+
+}  // namespace
+
+std::vector<LimitContact> limit_contacts(const Rig& rig,
+                                         std::span<const DualQuaternion> parent_from_joint,
+                                         double margin_rad) {
+  std::vector<LimitContact> contacts;
+  for (std::int32_t j = 0; j < rig.size(); ++j) {
+    const RigJoint& joint = rig.joints[j];
+    if (!joint.limited()) continue;
+    const Eigen::Vector3d q =
+        joint_angles(joint, joint_rotation(joint, parent_from_joint[j].rotation()));
+    const auto check = [&](int k, const char* coordinate) {
+      const Range& range = joint.limits[k];
+      if (range.max - range.min <= 2.0 * margin_rad) return;
+      if (q[k] < range.min + margin_rad) contacts.push_back({j, coordinate, "min"});
+      if (q[k] > range.max - margin_rad) contacts.push_back({j, coordinate, "max"});
+    };
+    if (joint.type == JointType::hinge) check(0, "angle");
+    if (joint.type == JointType::universal) {
+      check(0, "angle0");
+      check(1, "angle1");
+    }
+    if (joint.type != JointType::ball) continue;
+    const RigJoint inner = narrowed_swing(joint, margin_rad);
+    const Eigen::Vector2d swing = q.head<2>();
+    if ((nearest_swing(inner, swing) - swing).norm() > 1e-9) {
+      contacts.push_back({j, "swing", "border"});
+    }
+    check(2, "twist");
+  }
+  return contacts;
+}
+
 }  // namespace limber

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <cstdint>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -48,5 +49,18 @@ std::vector<JointExcess> limit_excess(const Rig&, const Clip&, double tolerance_
 
 /// Joints that come within `margin_rad` of a limit in some frame (or beyond it), in joint order.
 std::vector<std::int32_t> joints_at_limit(const Rig&, const Clip&, double margin_rad = 0.01);
+
+/// A limit that a joint sits on.
+struct LimitContact {
+  std::int32_t joint = 0;
+  const char* coordinate = "";  ///< angle (hinge), angle0, angle1 (universal), swing, twist (ball)
+  const char* side = "";        ///< min, max; border for a ball's swing
+};
+
+/// The limits within `margin_rad` of which the joints of one pose stand, in joint order. Ranges
+/// narrower than two margins are locked, and left out.
+std::vector<LimitContact> limit_contacts(const Rig&,
+                                         std::span<const DualQuaternion> parent_from_joint,
+                                         double margin_rad = 2e-3);
 
 }  // namespace limber

@@ -14,6 +14,30 @@ Rgb verdict_color(const std::string& verdict) {
 
 }  // namespace
 
+double draw_legend(Canvas& canvas, const Eigen::Vector2d& right_base, const BodyPlan& plan,
+                   bool marks, bool tinted) {
+  double right = right_base.x();
+  const auto entry = [&](const char* word, Rgb color) {
+    right -= canvas.text(right, right_base.y(), word, 9.5, palette::kMuted, Align::right);
+    canvas.disc({right - 12, right_base.y() - 4.5}, 5.0, color);
+    right -= 36;
+  };
+  if (marks) {
+    entry("reached", palette::kReached);
+    entry("effector target", palette::kTarget);
+  }
+  if (tinted) entry("on a limit", palette::kTint);
+  if (plan.hand_only) {
+    for (std::size_t f = palette::kFingers.size(); f-- > 0;) {
+      entry(palette::kFingerNames[f], palette::kFingers[f]);
+    }
+  } else if (plan.stands) {
+    entry("right", palette::kRight);
+    entry("left", palette::kLeft);
+  }
+  return right;
+}
+
 void draw_head(Canvas& canvas, const Box& box, const ContactSheet& sheet, const BodyPlan& plan) {
   double x = box.x;
   if (!sheet.verdict.empty()) {
@@ -27,26 +51,8 @@ void draw_head(Canvas& canvas, const Box& box, const ContactSheet& sheet, const 
   }
   canvas.text(x, box.y + 30, Canvas::fitted(sheet.title, 19, 0.6 * box.width), 19, palette::kInk,
               Align::left, 0.95);
-  // Legend, from the right.
-  double right = box.x + box.width;
-  const auto entry = [&](const char* word, Rgb color) {
-    right -= canvas.text(right, box.y + 26, word, 9.5, palette::kMuted, Align::right);
-    canvas.disc({right - 12, box.y + 21.5}, 5.0, color);
-    right -= 36;
-  };
-  if (!sheet.marks.empty()) {
-    entry("reached", palette::kReached);
-    entry("effector target", palette::kTarget);
-  }
-  if (!sheet.tinted_joints.empty()) entry("on a limit", palette::kTint);
-  if (plan.hand_only) {
-    for (std::size_t f = palette::kFingers.size(); f-- > 0;) {
-      entry(palette::kFingerNames[f], palette::kFingers[f]);
-    }
-  } else if (plan.stands) {
-    entry("right", palette::kRight);
-    entry("left", palette::kLeft);
-  }
+  draw_legend(canvas, Eigen::Vector2d(box.x + box.width, box.y + 26), plan, !sheet.marks.empty(),
+              !sheet.tinted_joints.empty());
   // Key figures.
   x = box.x;
   for (const std::string& figure : sheet.key_figures) {

@@ -30,6 +30,10 @@ void draw_marks(Canvas&, const Box& cell, const Camera&, std::span<const Effecto
 /// Title, verdict, key figures, legend (of sides, or of a hand's fingers).
 void draw_head(Canvas&, const Box&, const ContactSheet&, const BodyPlan&);
 
+/// What the colours mean, ending at a baseline point on the right. Returns where it begins.
+double draw_legend(Canvas&, const Eigen::Vector2d& right_base, const BodyPlan&, bool marks,
+                   bool tinted);
+
 /// Error and contacts along time, with the drawn frames ticked.
 void draw_strips(Canvas&, const Box&, const ContactSheet&, std::span<const std::int64_t> frames);
 std::int32_t strips_height(const ContactSheet&);

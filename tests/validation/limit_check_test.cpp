@@ -223,5 +223,38 @@ TEST(LimitCheck, JointsThatRideOnALimitAreNamed) {
   EXPECT_EQ(joints_at_limit(f.rig, f.clip, 0.01), (std::vector<std::int32_t>{0, 2}));
 }
 
+// ---------------------------------------------------------------------------- contacts
+
+std::vector<std::string> contacts_of(const RigJoint& joint, const Quaterniond& local) {
+  Rig rig;
+  rig.joints = {joint};
+  const std::vector<DualQuaternion> pose = {
+      DualQuaternion::from_rotation_translation(local, Vector3d::Zero())};
+  std::vector<std::string> words;
+  for (const LimitContact& c : limit_contacts(rig, pose)) {
+    words.push_back(std::string(c.coordinate) + " " + c.side);
+  }
+  return words;
+}
+
+TEST(LimitContacts, NameTheCoordinateAndTheSide) {
+  using Words = std::vector<std::string>;
+  EXPECT_EQ(contacts_of(hinge(), hinge_local(hinge(), 1.4995)), Words{"angle max"});
+  EXPECT_EQ(contacts_of(hinge(), hinge_local(hinge(), -0.2)), Words{"angle min"});
+  EXPECT_EQ(contacts_of(hinge(), hinge_local(hinge(), 1.49)), Words{});
+  EXPECT_EQ(contacts_of(universal(), universal_local(universal(), 0.9, -1.2)),
+            (Words{"angle0 max", "angle1 min"}));
+  // On the ellipse, off both axes: (0.8 * 1.1, 0.6 * 0.8) has level 1.
+  EXPECT_EQ(contacts_of(ball(), ball_local(ball(), 0.88, 0.48, 0.0)), Words{"swing border"});
+  EXPECT_EQ(contacts_of(ball(), ball_local(ball(), 0.8, 0.4, 0.4)), Words{"twist max"});
+  EXPECT_EQ(contacts_of(ball(), ball_local(ball(), 0.8, 0.4, 0.0)), Words{});
+}
+
+TEST(LimitContacts, LockedRangesAreNoNews) {
+  RigJoint joint = hinge();
+  joint.limits[0] = {0.3, 0.3};
+  EXPECT_TRUE(contacts_of(joint, hinge_local(joint, 0.3)).empty());
+}
+
 }  // namespace
 }  // namespace limber

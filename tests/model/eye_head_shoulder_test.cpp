@@ -70,7 +70,9 @@ TEST(RetinalImage, VelocitiesMeetFiniteDifferences) {
     const MovingPoint target{random.unit() * random.uniform(1.0, 3.0), random.vector(2.0)};
     const double h = 1e-5;
     const auto image_at = [&](double t) {
-      return retinal_image(after(body, t), {target.position + t * target.velocity, {}}).value();
+      return retinal_image(after(body, t),
+                           {target.position + t * target.velocity, Vector3d::Zero()})
+          .value();
     };
     const RetinalImage image = retinal_image(body, target).value();
     const RetinalImage ahead = image_at(h), behind = image_at(-h);
@@ -110,7 +112,8 @@ TEST(RetinalImage, OfATargetAtTheEyeIsAnError) {
   Random random(4);
   EyeHeadShoulder body = random_body(random, 1.0);
   body.shoulder_from_head.setIdentity();
-  const auto none = retinal_image(body, {body.head_in_shoulder + body.eye_in_head, {}});
+  const auto none =
+      retinal_image(body, {body.head_in_shoulder + body.eye_in_head, Vector3d::Zero()});
   ASSERT_FALSE(none.ok());
   EXPECT_EQ(none.error().code, "target-at-eye");
 }

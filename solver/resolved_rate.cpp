@@ -13,6 +13,7 @@
 #include "solver/resolved_rate.h"
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 
 namespace limber {
@@ -77,6 +78,8 @@ Result<ResolvedRate> ResolvedRate::create(const Rig& rig, const ResolvedRateOpti
 ResolvedRateReport ResolvedRate::step(std::span<const MovingTransform> targets,
                                       std::span<DualQuaternion> parent_from_joint,
                                       std::span<const double> wish) {
+  assert(targets.size() == rig_.effectors.size());
+  assert(wish.empty() || wish.size() == axis_.size());
   ResolvedRateReport report;
   place_axes(parent_from_joint);
   fill_rows(targets, report);

@@ -49,7 +49,7 @@ Json effector_json(const RigEffector& effector) {
   out["joint"] = effector.joint;
   out["offset"] = vector_json(effector.offset);
   out["kind"] = to_string(effector.kind);
-  if (effector.kind == EffectorKind::direction || effector.kind == EffectorKind::line) {
+  if (has_axis(effector.kind)) {
     out["axis"] = vector_json(effector.axis);
   }
   out["strong"] = effector.strong;

@@ -162,12 +162,12 @@ RigEffector read_effector(const JsonView& view, const Rig& rig) {
   if (const auto kind = view.find("kind")) {
     effector.kind =
         read_enum(*kind, {EffectorKind::pose, EffectorKind::position, EffectorKind::orientation,
-                          EffectorKind::direction, EffectorKind::line});
+                          EffectorKind::direction, EffectorKind::line, EffectorKind::gaze});
   }
   if (const auto axis = view.find("axis")) {
     effector.axis = read_unit_vector(*axis);
-  } else if (effector.kind == EffectorKind::direction || effector.kind == EffectorKind::line) {
-    view.complain("a direction or line effector needs 'axis'");
+  } else if (has_axis(effector.kind)) {
+    view.complain("a direction, line or gaze effector needs 'axis'");
   }
   if (const auto strong = view.find("strong")) effector.strong = strong->boolean();
   const auto read_weight = [&](const char* key, double& weight) {

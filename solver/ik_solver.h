@@ -12,7 +12,8 @@
 namespace limber {
 
 /// What one effector is pulled to, in world space. `weight` scales the effector's own weights for
-/// this frame (0: absent). For a line, `pose` carries the effector's offset and axis.
+/// this frame (0: absent). For a line, `pose` carries the effector's offset and axis;
+/// a gaze looks at its translation.
 struct EffectorTarget {
   DualQuaternion pose;
   double weight = 1.0;

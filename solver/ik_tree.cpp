@@ -17,6 +17,7 @@
 #include <cmath>
 #include <limits>
 
+#include "assets/model/eye_head_shoulder.h"
 #include "solver/half_angle.h"
 
 namespace limber {
@@ -222,8 +223,17 @@ void measure_error(const IkEffector& effector, const IkGoal& goal,
   error.point = point;
   error.position.setZero();
   error.rotation.setZero();
+  error.ray.setZero();
   if (goal.mass > 0.0) error.position = goal.position - point;
-  if (effector.kind == EffectorKind::direction || effector.kind == EffectorKind::line) {
+  if (effector.kind == EffectorKind::gaze) {
+    error.axis = world_from_effector * effector.axis;
+    const Eigen::Vector3d sight = goal.position - point;
+    const double distance = sight.norm();
+    if (goal.inertia > 0.0 && distance > kNearestGaze) {
+      error.ray = sight / (distance * distance);
+      error.rotation = turn(error.axis, sight / distance);
+    }
+  } else if (effector.kind == EffectorKind::direction || effector.kind == EffectorKind::line) {
     error.axis = world_from_effector * effector.axis;
     if (goal.inertia > 0.0) error.rotation = turn(error.axis, goal.axis);
     if (effector.kind == EffectorKind::line) {

@@ -37,7 +37,7 @@ struct IkEffector {
   bool strong = true;
   Eigen::Vector3d offset;       ///< in the node's space
   Eigen::Quaterniond rotation;  ///< node_from_effector
-  Eigen::Vector3d axis;         ///< direction and line: in the effector's space
+  Eigen::Vector3d axis;         ///< direction, line, gaze: in the effector's space
   double weight_pos = 0.0;      ///< 0 where the kind has no position
   double weight_rot = 0.0;      ///< m/rad, the 0.1 included
 };
@@ -55,9 +55,11 @@ struct IkGoal {
 /// error (a rotation vector) ends on the goal.
 struct IkError {
   Eigen::Vector3d point;     ///< the effector's, world
-  Eigen::Vector3d axis;      ///< direction and line: current, world
+  Eigen::Vector3d axis;      ///< direction, line, gaze: current, world
   Eigen::Vector3d position;  ///< m
   Eigen::Vector3d rotation;  ///< rad
+  /// gaze: from the eye towards the target, over their distance (1/m); 0 where the two meet.
+  Eigen::Vector3d ray;
 };
 
 /// Where a rig stands. Limited and angular coordinates live in `x`; rotations without limits are

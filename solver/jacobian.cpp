@@ -9,6 +9,11 @@
 // isotropic weights, and identity is used for its derivative. Of a direction or line, turning about
 // the current axis changes nothing: those rows lose that component.
 //
+// A gaze turns by w and its eye moves by u; the direction n to the target at distance r then turns
+// by -(n x u) / r. Both take from the error, which so sees the turn w + (n x u) / r, again without
+// its component along the axis: rows B = (1 - a a') [1 - [n/r] [d], [n/r]] of a twist, an inertia
+// j B'B and a pull j B'e. As e lies across a and n, that pull is the gradient at any error.
+//
 // A mass m (m^2: weights) at r with isotropic inertia j has, about o with d = r - o, the spatial
 // inertia [ j 1 - [d] M [d], [d] M; -M [d], M ], M = m 1, and for a line M = m (1 - n n'). The sum
 // over the effectors outside coordinate k is the composite inertia I_k, and
@@ -39,8 +44,18 @@ Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) {
   return m;
 }
 
-bool is_axial(EffectorKind kind) {
-  return kind == EffectorKind::direction || kind == EffectorKind::line;
+/// What turning is weighted with; a gaze whose target is at the eye has no rows.
+double turning_weight(const IkEffector& effector, const IkGoal& goal, const IkError& error) {
+  return effector.kind == EffectorKind::gaze && error.ray.isZero(0.0) ? 0.0 : goal.inertia;
+}
+
+/// The part of a node's motion at the effector point that its rotation error sees.
+Eigen::Vector3d seen_turn(const IkEffector& effector, const IkError& error,
+                          const Eigen::Vector3d& turn, const Eigen::Vector3d& move) {
+  if (!has_axis(effector.kind)) return turn;
+  Eigen::Vector3d seen = turn;
+  if (effector.kind == EffectorKind::gaze) seen += error.ray.cross(move);
+  return seen - error.axis.dot(seen) * error.axis;
 }
 
 }  // namespace
@@ -57,10 +72,12 @@ void effector_jacobian(const IkTree& tree, std::span<const IkGoal> goals,
         const std::int32_t k = tree.nodes[n].coordinate + i;
         Eigen::Vector3d turn = kinematics.axis[k].head<3>();
         Eigen::Vector3d move = kinematics.axis[k].tail<3>() + turn.cross(arm);
-        if (is_axial(effector.kind)) turn -= error.axis.dot(turn) * error.axis;
+        turn = seen_turn(effector, error, turn, move);
         if (effector.kind == EffectorKind::line) move -= goals[e].axis.dot(move) * goals[e].axis;
         if (goals[e].mass > 0.0) jacobian.block<3, 1>(6 * e, k) = move;
-        if (goals[e].inertia > 0.0) jacobian.block<3, 1>(6 * e + 3, k) = turn;
+        if (turning_weight(effector, goals[e], error) > 0.0) {
+          jacobian.block<3, 1>(6 * e + 3, k) = turn;
+        }
       }
     }
   }
@@ -76,6 +93,17 @@ void add_line_mass(const IkGoal& goal, const Eigen::Vector3d& d, Inertia& inerti
   const Eigen::Matrix3d mass =
       goal.mass * (Eigen::Matrix3d::Identity() - goal.axis * goal.axis.transpose());
   inertia.add_blocks(-arm * mass * arm, arm * mass, mass);
+}
+
+/// Rows B of the file's head: inertia weight B'B and pull weight B'e, at d.
+void add_gaze(const IkError& error, double weight, const Eigen::Vector3d& d, Inertia& inertia,
+              Vector6& pull) {
+  const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - error.axis * error.axis.transpose();
+  Eigen::Matrix<double, 3, 6> rows;
+  rows.rightCols<3>() = across * cross_matrix(error.ray);
+  rows.leftCols<3>() = across - rows.rightCols<3>() * cross_matrix(d);
+  for (int i = 0; i < 3; ++i) inertia.add_outer(rows.row(i).transpose(), weight);
+  pull.noalias() += weight * rows.transpose() * error.rotation;
 }
 
 void add_point_curvature(const Eigen::Vector3d& d, const Eigen::Vector3d& force, Inertia& inertia) {
@@ -130,10 +158,13 @@ void effector_load(const IkTree& tree, std::span<const IkGoal> goals,
       }
       if (curved) add_point_curvature(d, force, inertia);
     }
-    if (goal.inertia > 0.0) {
+    const double turning = turning_weight(effector, goal, error);
+    if (turning > 0.0 && effector.kind == EffectorKind::gaze) {
+      add_gaze(error, turning, error.point - kinematics.origin, inertia, pull);
+    } else if (turning > 0.0) {
       pull.head<3>() += goal.inertia * error.rotation;
       inertia.add_angular(goal.inertia);
-      if (is_axial(effector.kind)) {
+      if (has_axis(effector.kind)) {
         inertia.add_angular_outer(-goal.inertia, error.axis);
       } else if (curved) {
         add_rotation_curvature(error.rotation, goal.inertia, inertia);
@@ -160,10 +191,10 @@ double predicted_cost(const IkTree& tree, std::span<const IkGoal> goals,
       turn = node_twist[effector.node].head<3>();
       move = node_twist[effector.node].tail<3>() + turn.cross(error.point - kinematics.origin);
     }
-    if (is_axial(effector.kind)) turn -= error.axis.dot(turn) * error.axis;
+    turn = seen_turn(effector, error, turn, move);
     if (effector.kind == EffectorKind::line) move -= goal.axis.dot(move) * goal.axis;
     cost += goal.mass * (error.position - move).squaredNorm();
-    cost += goal.inertia * (error.rotation - turn).squaredNorm();
+    cost += turning_weight(effector, goal, error) * (error.rotation - turn).squaredNorm();
   }
   return cost;
 }

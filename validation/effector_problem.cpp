@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "assets/model/eye_head_shoulder.h"
 #include "validation/joint_angles.h"
 
 // Derivation of the Jacobian. A joint coordinate turns everything below the joint with the world
@@ -10,7 +11,9 @@
 // effector point p: dp = v + w x (p - c). For rotation residuals e = log(R_t R') (the rotation
 // vector from now to the target): R becomes exp(w) R, so exp(e) becomes exp(e) exp(-w), and
 // de = -Jr^-1(e) w with Jr the right Jacobian of SO(3). For directions, e = angle(a, d) along
-// a x d, and a moves by w x a.
+// a x d, and a moves by w x a: de = D w. A gaze's d, the direction n to the target at distance r,
+// turns by u = -(n x v) / r as the eye moves by v. Turning a and d alike turns e, so turning d
+// alone gives de = (u x e) - D u, that is ([e] + D) [n] v / r.
 
 namespace limber {
 namespace {
@@ -256,7 +259,20 @@ void EffectorProblem::effector_rows(std::size_t e, const DualQuaternion& world_f
   if (!has_rotation(effector.kind)) return;
   const int first = has_position(effector.kind) ? 3 : 0;
   Eigen::Matrix3d by_turn;
-  if (effector.kind == EffectorKind::direction || effector.kind == EffectorKind::line) {
+  if (effector.kind == EffectorKind::gaze) {
+    residual.segment<3>(row).setZero();
+    const Eigen::Vector3d sight =
+        target.pose.translation() - world_from_joint.transform_point(effector.offset);
+    const double distance = sight.norm();
+    if (distance <= kNearestGaze) return;
+    const Eigen::Vector3d n = sight / distance;
+    const Eigen::Vector3d turn = turn_between(axis, n, by_motion ? &by_turn : nullptr);
+    residual.segment<3>(row) = wr * turn;
+    if (by_motion) {
+      by_motion->topLeftCorner<3, 3>() =
+          (wr / distance) * (cross_matrix(turn) + by_turn) * cross_matrix(n);
+    }
+  } else if (effector.kind == EffectorKind::direction || effector.kind == EffectorKind::line) {
     residual.segment<3>(row) = wr * turn_between(axis, goal_axis, by_motion ? &by_turn : nullptr);
   } else {
     const Eigen::Vector3d turn = rotation_log(Eigen::Quaterniond(goal * now.conjugate()));

@@ -49,6 +49,8 @@ const char* to_string(EffectorKind kind) {
       return "direction";
     case EffectorKind::line:
       return "line";
+    case EffectorKind::gaze:
+      return "gaze";
   }
   return "";
 }

@@ -64,19 +64,26 @@ struct RigJoint {
   }
 };
 
-enum class EffectorKind : std::uint8_t { pose, position, orientation, direction, line };
+enum class EffectorKind : std::uint8_t { pose, position, orientation, direction, line, gaze };
 const char* to_string(EffectorKind);
+/// direction, line and gaze are about an axis; turning about it changes nothing.
+constexpr bool has_axis(EffectorKind kind) {
+  return kind == EffectorKind::direction || kind == EffectorKind::line ||
+         kind == EffectorKind::gaze;
+}
 
 /// A point (and orientation) on a joint that a target pulls.
 /// Cost of one effector: (weight_pos |dp|)^2 + (0.1 m/rad weight_rot |dtheta|)^2.
 /// direction: the joint's unit `axis` is to point along the target's rotation times `axis`.
 /// line: the line through offset along `axis` is to lie on the target's.
+/// gaze: the ray from offset along `axis` is to pass through the target's position; dtheta is the
+/// angle at the eye between the two. A target at the eye itself (kNearestGaze) pulls nothing.
 struct RigEffector {
   std::string name;
   std::int32_t joint = 0;
   Eigen::Vector3d offset = Eigen::Vector3d::Zero();  ///< m, in the joint's space
   EffectorKind kind = EffectorKind::pose;
-  Eigen::Vector3d axis = Eigen::Vector3d::UnitX();  ///< direction and line only
+  Eigen::Vector3d axis = Eigen::Vector3d::UnitX();  ///< direction, line and gaze only
   bool strong = true;                               ///< counts for stopping and for success
   double weight_pos = 1.0;
   double weight_rot = 1.0;

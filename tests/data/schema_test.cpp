@@ -53,6 +53,7 @@ std::vector<Case> cases() {
   vary("unknown effector kind", [&](json& d) { d["effectors"][0]["kind"] = "magnet"; });
   vary("negative weight", [&](json& d) { d["effectors"][0]["weight_pos"] = -1; });
   vary("line without axis", [&](json& d) { d["effectors"][0]["kind"] = "line"; });
+  vary("gaze without axis", [&](json& d) { d["effectors"][0]["kind"] = "gaze"; });
   vary("unlimited hinge", [&](json& d) { joint(d, 2).erase("limits"); });
   vary("single capsule", [&](json& d) {
     joint(d, 2)["capsule"] = joint(d, 2)["capsules"][0];

@@ -79,7 +79,8 @@ Rig rig_of_every_kind() {
   }
   rig.joints[1].role = "hips";
   rig.effectors = {{"tip", 4, {0.1, 0, 0}, EffectorKind::pose, {1, 0, 0}, true, 1.0, 0.5},
-                   {"gaze", 5, {0, 0, 0}, EffectorKind::line, {0, 0, 1}, false, 0.2, 0.0}};
+                   {"gaze", 5, {0, 0, 0}, EffectorKind::line, {0, 0, 1}, false, 0.2, 0.0},
+                   {"eyes", 5, {0, 0.1, 0}, EffectorKind::gaze, {0, 0.6, 0.8}, false, 0.0, 0.5}};
   rig.couplings = {{3, 0, 2, 1, 0.7, -0.1}};
   return rig;
 }

@@ -63,9 +63,9 @@ Rig rig_of(Random& random, JointType type, bool limited, EffectorKind kind) {
 
 const JointType kTypes[] = {JointType::hinge, JointType::universal, JointType::ball,
                             JointType::free};
-const EffectorKind kKinds[] = {EffectorKind::pose, EffectorKind::position,
+const EffectorKind kKinds[] = {EffectorKind::pose,        EffectorKind::position,
                                EffectorKind::orientation, EffectorKind::direction,
-                               EffectorKind::line};
+                               EffectorKind::line,        EffectorKind::gaze};
 
 TEST(Jacobian, MeetsFiniteDifferencesForEveryJointAndEffector) {
   Random random(1);

@@ -59,15 +59,15 @@ inline Rig random_rig(Random& random, int joints, int effectors) {
     }
     rig.joints.push_back(joint);
   }
-  const EffectorKind kinds[] = {EffectorKind::pose, EffectorKind::position,
+  const EffectorKind kinds[] = {EffectorKind::pose,        EffectorKind::position,
                                 EffectorKind::orientation, EffectorKind::direction,
-                                EffectorKind::line};
+                                EffectorKind::line,        EffectorKind::gaze};
   for (int e = 0; e < effectors; ++e) {
     RigEffector effector;
     effector.name = "effector" + std::to_string(e);
     effector.joint = random.integer(0, joints - 1);
     effector.offset = random.vector(0.2);
-    effector.kind = kinds[e % 5];
+    effector.kind = kinds[e % 6];
     effector.axis = random.unit();
     effector.weight_pos = random.uniform(0.3, 2.0);
     effector.weight_rot = random.uniform(0.3, 2.0);
@@ -132,8 +132,11 @@ inline std::vector<EffectorTarget> targets_at(const Rig& rig, const Pose& pose) 
   std::vector<EffectorTarget> targets;
   for (const RigEffector& effector : rig.effectors) {
     const DualQuaternion& joint = world[effector.joint];
-    targets.push_back({.pose = DualQuaternion::from_rotation_translation(
-                           joint.rotation(), joint.transform_point(effector.offset))});
+    // What is looked at lies ahead of the eye.
+    const double ahead = effector.kind == EffectorKind::gaze ? 0.8 : 0.0;
+    targets.push_back(
+        {.pose = DualQuaternion::from_rotation_translation(
+             joint.rotation(), joint.transform_point(effector.offset + ahead * effector.axis))});
   }
   return targets;
 }
@@ -230,9 +233,10 @@ inline double objective(const Rig& rig, const std::vector<EffectorTarget>& targe
     const Eigen::Matrix3d want = targets[e].pose.matrix().topLeftCorner<3, 3>();
     Eigen::Vector3d miss = targets[e].pose.matrix().topRightCorner<3, 1>() -
                            (world[f.joint] * f.offset.homogeneous()).head<3>();
-    const Eigen::Vector3d wanted_axis = want * f.axis;
+    const bool gaze = f.kind == EffectorKind::gaze;
+    const Eigen::Vector3d wanted_axis = gaze ? miss.normalized() : Eigen::Vector3d(want * f.axis);
     double angle = Eigen::AngleAxisd(Eigen::Matrix3d(want * have.transpose())).angle();
-    if (f.kind == EffectorKind::direction || f.kind == EffectorKind::line) {
+    if (f.kind == EffectorKind::direction || f.kind == EffectorKind::line || gaze) {
       const Eigen::Vector3d axis = have * f.axis;
       angle = std::atan2(axis.cross(wanted_axis).norm(), axis.dot(wanted_axis));
     }

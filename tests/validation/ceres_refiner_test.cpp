@@ -58,7 +58,8 @@ Rig zoo() {
   rig.effectors = {
       effector("pelvis", 0, EffectorKind::pose),      effector("hand", 5, EffectorKind::position),
       effector("palm", 5, EffectorKind::orientation), effector("gaze", 6, EffectorKind::direction),
-      effector("tool", 5, EffectorKind::line),        effector("head", 6, EffectorKind::pose)};
+      effector("tool", 5, EffectorKind::line),        effector("head", 6, EffectorKind::pose),
+      effector("look", 6, EffectorKind::gaze)};
   return rig;
 }
 
@@ -97,7 +98,9 @@ std::vector<EffectorTarget> targets_at(const Rig& rig, const std::vector<DualQua
   model_from_local(skeleton_of(rig), pose, world);
   std::vector<EffectorTarget> targets;
   for (const RigEffector& e : rig.effectors) {
-    targets.push_back({world[e.joint] * DualQuaternion::from_translation(e.offset), 1.0});
+    const double ahead = e.kind == EffectorKind::gaze ? 0.9 : 0.0;  // what is looked at
+    const Vector3d place = e.offset + ahead * e.axis;
+    targets.push_back({world[e.joint] * DualQuaternion::from_translation(place), 1.0});
   }
   return targets;
 }

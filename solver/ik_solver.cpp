@@ -10,16 +10,15 @@
 // the linear problem's own optimality, projected_residual = 0, is the optimality of f in C: what
 // plain projected Gauss-Seidel sweeps would converge to, here reached through the tree
 // (tree_elimination.cpp).
-//
-// pgs_paper is Kenwright 2013 as its text gives it: fixed damping (eq. 30), a few sweeps per
-// relinearisation, its stopping rules (section VII.B): a cap, small errors, a small step, a step
-// that stays the same. It has no control of the step, so the best pose met on the way is kept.
+// pgs_paper is paper_ik.cpp.
 #include "solver/ik_solver.h"
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "solver/jacobian.h"
+#include "solver/paper_ik.h"
 #include "solver/pgs.h"
 #include "solver/tree_elimination.h"
 
@@ -55,10 +54,7 @@ struct IkSolver::State {
       if (node.ellipse) ellipses.push_back({node.coordinate, node.swing});
     }
     gradient = diagonal = end = wish = step;
-    if (options.method == IkMethod::pgs_paper) {
-      a.resize(step.size(), step.size());
-      b = step;
-    }
+    if (options.method == IkMethod::pgs_paper) paper.emplace(source, chosen);
   }
 
   bool reached(const IkKinematics&) const;
@@ -70,7 +66,6 @@ struct IkSolver::State {
   double predicted_fall(double damping) const;
   EliminationStats solve_linear(double damping, IkReport&);
   void descend(IkReport&);
-  void descend_paper(IkReport&);
   void restart(int attempt);
   void solve_with_restarts(IkReport&);
 
@@ -84,8 +79,7 @@ struct IkSolver::State {
   IkKinematics at_now, at_next;
   EffectorLoad load;
   Eigen::VectorXd step, wish, gradient, diagonal, end;
-  Eigen::MatrixXd a;
-  Eigen::VectorXd b;
+  std::optional<PaperIk> paper;  ///< pgs_paper: all of it
 };
 
 bool IkSolver::State::reached(const IkKinematics& k) const {
@@ -213,46 +207,6 @@ void IkSolver::State::descend(IkReport& report) {
   }
 }
 
-void IkSolver::State::descend_paper(IkReport& report) {
-  tree.evaluate(now, goals, at_now);
-  best = now;
-  double best_cost = at_now.cost;
-  report.converged = done(at_now);
-  step.setZero();
-  double last_change = -1.0;
-  while (!report.converged && report.relinearisations < options.max_relinearisations) {
-    ++report.relinearisations;
-    linearise();
-    compose_load(tree, load);
-    normal_equations(tree, at_now, load, a, b);
-    a.diagonal() += options.damping * tree.damping;
-    step.setZero();
-    const PgsStats stats =
-        solve_pgs({a, b, now.x, tree.min, tree.max, ellipses}, step,
-                  {.max_sweeps = options.sweeps, .tolerance = options.stop_step});
-    report.sweeps += stats.sweeps;
-    gradient.noalias() = a * step;
-    gradient -= b;
-    diagonal = a.diagonal();
-    end = now.x + step;
-    report.residual = projected_residual(end, gradient, diagonal, tree.min, tree.max, ellipses);
-    tree.move(now, step, next);
-    tree.evaluate(next, goals, at_next);
-    std::swap(now, next);
-    std::swap(at_now, at_next);
-    if (at_now.cost < best_cost) {
-      best_cost = at_now.cost;
-      best = now;
-    }
-    const double change = step.size() > 0 ? step.cwiseAbs().maxCoeff() : 0.0;
-    const bool same = std::abs(change - last_change) < options.stop_step;
-    last_change = change;
-    report.converged = done(at_now) || change < options.stop_step || same;
-  }
-  std::swap(now, best);
-  tree.evaluate(now, goals, at_now);
-}
-
 /// Another start: coordinates with a range drawn from a fixed sequence, the others kept.
 void IkSolver::State::restart(int attempt) {
   std::uint64_t seed = 0x9e3779b97f4a7c15ULL * static_cast<std::uint64_t>(attempt + 1);
@@ -317,9 +271,12 @@ IkSolver::~IkSolver() = default;
 Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
   if (Result<void> valid = validate(rig); !valid) return valid.error();
   if (!(options.damping > 0.0) || options.max_relinearisations < 1 || options.sweeps < 1 ||
-      !(options.stop_step >= 0.0) || options.restarts < 0) {
+      !(options.stop_step >= 0.0) || options.restarts < 0 ||
+      !(options.relaxation > 0.0 && options.relaxation < 2.0)) {
     return Error{.code = "solver-options",
-                 .message = "damping must be positive; relinearisations and sweeps at least one",
+                 .message =
+                     "damping must be positive; relinearisations and sweeps at least one; "
+                     "relaxation between 0 and 2",
                  .hint = "leave the option out to get its default"};
   }
   return IkSolver(std::make_unique<State>(rig, options));
@@ -327,14 +284,11 @@ Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
 
 IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<DualQuaternion> pose) {
   State& s = *state_;
+  if (s.paper) return s.paper->solve(targets, pose);
   IkReport report;
   s.tree.resolve(targets, s.goals);
   s.tree.load(pose, s.now);
-  if (s.options.method == IkMethod::pgs_paper) {
-    s.descend_paper(report);
-  } else {
-    s.solve_with_restarts(report);
-  }
+  s.solve_with_restarts(report);
   report.cost = s.at_now.cost;
   report.reached = s.reached(s.at_now);
   if (report.relinearisations == 0) {

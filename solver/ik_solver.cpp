@@ -193,6 +193,7 @@ void IkSolver::State::descend(IkReport& report) {
         // Errors that stay large have curvature that counts.
         curved = fall < kStalling * at_now.cost;
       } else {
+        wish.setZero();  // else no damping would make the step small
         damping *= growth;
         growth *= 2.0;
         report.converged = negligible || damping > kMostDamping;

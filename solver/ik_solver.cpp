@@ -193,7 +193,9 @@ void IkSolver::State::descend(IkReport& report) {
         // Errors that stay large have curvature that counts.
         curved = fall < kStalling * at_now.cost;
       } else {
-        wish.setZero();  // else no damping would make the step small
+        // With the pull no damping makes the step small. On the way to a tolerance that is welcome,
+        // it leads out of corners; where the optimum itself is sought, it ends short of it.
+        if (!options.stop_at_tolerance) wish.setZero();
         damping *= growth;
         growth *= 2.0;
         report.converged = negligible || damping > kMostDamping;

@@ -37,6 +37,7 @@ struct Workload {
 
 struct FrameResult {
   double us = 0.0, position_mm = 0.0, orientation_deg = 0.0;
+  int iterations = 0;
 };
 
 Error workload_error(std::string message) {
@@ -154,8 +155,9 @@ class Bench {
  private:
   Result<void> run_lane(std::size_t first, std::size_t last, IkSolver& solver);
   Result<void> run_in_lanes(std::span<const std::size_t> cuts, const IkOptions& options);
-  Result<void> solve(std::size_t frame, bool first, IkSolver& solver,
-                     std::span<DualQuaternion> pose);
+  /// Returns the iterations it took.
+  Result<int> solve(std::size_t frame, bool first, IkSolver& solver,
+                    std::span<DualQuaternion> pose);
 
   using Clock = std::chrono::steady_clock;
   static double microseconds(Clock::duration d) {
@@ -169,20 +171,18 @@ class Bench {
   Clip clip_;
 };
 
-Result<void> Bench::solve(std::size_t frame, bool first, IkSolver& solver,
-                          std::span<DualQuaternion> pose) {
+Result<int> Bench::solve(std::size_t frame, bool first, IkSolver& solver,
+                         std::span<DualQuaternion> pose) {
   if (args_.solver != "ceres") {
-    if (first || work_.rest_start) {
-      solver.solve(work_.targets[frame], pose);
-    } else {
-      solver.follow(work_.targets[frame], pose);
-    }
-    return {};
+    const bool alone = first || work_.rest_start;
+    return (alone ? solver.solve(work_.targets[frame], pose)
+                  : solver.follow(work_.targets[frame], pose))
+        .relinearisations;
   }
   const auto refined =
       refine_with_ceres(work_.rig, work_.targets[frame], pose, {.max_iterations = 100});
   if (!refined) return refined.error();
-  return {};
+  return refined.value().iterations;
 }
 
 Result<void> Bench::run_lane(std::size_t first, std::size_t last, IkSolver& solver) {
@@ -200,12 +200,14 @@ Result<void> Bench::run_lane(std::size_t first, std::size_t last, IkSolver& solv
       const auto previous = clip_.frame(static_cast<std::int64_t>(f) - 1);
       std::copy(previous.begin(), previous.end(), pose.begin());
     }
-    if (Result<void> solved = solve(f, f == first, solver, pose); !solved) return solved;
+    const Result<int> iterations = solve(f, f == first, solver, pose);
+    if (!iterations) return iterations.error();
     const auto end = Clock::now();
     model_from_local(skeleton, pose, world);
     fk_us_[f] = microseconds(Clock::now() - end);
     results_[f] = measure(rig, work_.targets[f], world);
     results_[f].us = microseconds(end - start);
+    results_[f].iterations = iterations.value();
     std::copy(pose.begin(), pose.end(), clip_.frame(static_cast<std::int64_t>(f)).begin());
   }
   return {};
@@ -261,7 +263,9 @@ Result<void> Bench::run() {
   IkOptions options;
   options.method = args_.solver == "pgs-paper" ? IkMethod::pgs_paper : IkMethod::pgs;
   options.stop_position_m = args_.stop_mm > 0.0 ? 1e-3 * args_.stop_mm : work_.stop_pos;
-  options.stop_orientation_rad = work_.stop_rot;
+  options.stop_orientation_rad =
+      args_.stop_deg > 0.0 ? args_.stop_deg * M_PI / 180.0 : work_.stop_rot;
+  if (args_.sweeps > 0) options.sweeps = args_.sweeps;
   options.unwind = !work_.rest_start;
   options.extrapolate = args_.start == "extrapolate";
   options.measure_residual = false;
@@ -292,12 +296,13 @@ Result<void> Bench::run() {
 }
 
 nlohmann::ordered_json Bench::summary() const {
-  std::vector<double> us, mm, deg;
+  std::vector<double> us, mm, deg, iterations;
   std::size_t solved = 0;
   const LimitReport limits = check_joint_limits(work_.rig, clip_);
   const bool within = limits.max_violation_deg < 0.5;
   for (const FrameResult& frame : results_) {
     us.push_back(frame.us);
+    iterations.push_back(frame.iterations);
     mm.push_back(frame.position_mm);
     deg.push_back(frame.orientation_deg);
     solved += within && frame.position_mm < 1e3 * work_.success_pos &&
@@ -313,6 +318,8 @@ nlohmann::ordered_json Bench::summary() const {
           {"frames", work_.frames()},
           {"us", {{"median", percentile(us, 0.5)}, {"p99", percentile(us, 0.99)}}},
           {"fk_us", percentile(fk_us_, 0.5)},
+          {"iterations",
+           {{"median", percentile(iterations, 0.5)}, {"p99", percentile(iterations, 0.99)}}},
           {"position_error_mm", spread(mm)},
           {"orientation_error_deg", spread(deg)},
           {"limit_violations", limits.violations},
@@ -352,6 +359,8 @@ void print_lines(const nlohmann::ordered_json& s) {
   fmt::print("  time per frame  {:.2f} us median, {:.2f} us p99 (forward kinematics {:.2f} us)\n",
              s["us"]["median"].get<double>(), s["us"]["p99"].get<double>(),
              s["fk_us"].get<double>());
+  fmt::print("  iterations      {:.0f} median, {:.0f} p99\n",
+             s["iterations"]["median"].get<double>(), s["iterations"]["p99"].get<double>());
   for (const auto& [key, unit] :
        {std::pair{"position_error_mm", "mm"}, std::pair{"orientation_error_deg", "degrees"}}) {
     fmt::print("  worst effector  {:.4f} median, {:.4f} p95, {:.4f} max {}\n",
@@ -367,11 +376,11 @@ void print_lines(const nlohmann::ordered_json& s) {
 int bench_command(const BenchArgs& args) {
   const bool known = args.solver == "pgs" || args.solver == "pgs-paper" || args.solver == "ceres";
   if (!known || (args.start != "extrapolate" && args.start != "previous") || args.lanes < 1 ||
-      !(args.stop_mm >= 0.0)) {
+      !(args.stop_mm >= 0.0) || !(args.stop_deg >= 0.0) || args.sweeps < 0) {
     return complain({.code = "bench-options",
                      .message = "an option's value is out of range",
                      .hint = "--solver pgs|pgs-paper|ceres, --start extrapolate|previous, "
-                             "--lanes N >= 1, --stop-mm X > 0"},
+                             "--lanes N >= 1, --stop-mm X > 0, --stop-deg X > 0, --sweeps N >= 1"},
                     args);
   }
   Result<Workload> work = read_workload(args.workload);

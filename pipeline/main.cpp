@@ -263,6 +263,9 @@ class Program {
     c->add_option("--start", bench_.start)->check(CLI::IsMember({"extrapolate", "previous"}));
     c->add_option("--lanes", bench_.lanes)->check(CLI::PositiveNumber);
     c->add_option("--stop-mm", bench_.stop_mm)->check(CLI::PositiveNumber);
+    c->add_option("--stop-deg", bench_.stop_deg)->check(CLI::PositiveNumber);
+    c->add_option("--sweeps", bench_.sweeps, "of pgs-paper, per iteration")
+        ->check(CLI::PositiveNumber);
     c->add_option("--solutions", bench_.solutions, "write the solutions here, raw float64");
     c->add_flag("--json", bench_.json);
     c->callback([this] { code_ = bench_command(bench_); });

@@ -18,15 +18,15 @@
 // leave open is pulled to an anchor, the last answer and kCalm of its speed: a free swivel coasts
 // to rest instead of oscillating about the middle of its range.
 //
-// pgs_paper is Kenwright 2013 as its text gives it: fixed damping (eq. 30), a few sweeps per
-// relinearisation, its stopping rules (section VII.B): a cap, small errors, a small step, a step
-// that stays the same. It has no control of the step, so the best pose met on the way is kept.
+// pgs_paper is paper_ik.cpp.
 #include "solver/ik_solver.h"
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "solver/jacobian.h"
+#include "solver/paper_ik.h"
 #include "solver/pgs.h"
 #include "solver/tree_elimination.h"
 
@@ -40,6 +40,8 @@ constexpr double kEase = 5e-4;   // of the way to the middle of its range, per r
 constexpr int kUnwinds = 3;      // a third, two thirds, all of the way to the middle
 constexpr double kWoundCost = 0.05 * 0.05;  // m^2; a worse miss is a target out of reach
 constexpr double kCalm = 0.9;  // of the speed that the targets leave open, kept from frame to frame
+constexpr double kSlide =
+    0.02;  // of a step: how far a swing's touching point may be out, in its turn
 constexpr double kStalling = 0.7;  // a relative fall below this asks for the errors' curvature
 
 }  // namespace
@@ -65,13 +67,11 @@ struct IkSolver::State {
       if (node.ellipse) ellipses.push_back({node.coordinate, node.swing});
     }
     gradient = diagonal = end = wish = anchor = step;
+    elimination.settle_slides_within(kSlide);
     settled_damping = options.damping;
     outside = skeleton_of(rig).rest_parent_from_joint;
     tree.load(outside, last);
-    if (options.method == IkMethod::pgs_paper) {
-      a.resize(step.size(), step.size());
-      b = step;
-    }
+    if (options.method == IkMethod::pgs_paper) paper.emplace(source, chosen);
   }
 
   bool reached(const IkKinematics&) const;
@@ -85,7 +85,7 @@ struct IkSolver::State {
   void descend(IkReport&, bool following = false);
   void remember();
   void extrapolate();
-  void descend_paper(IkReport&);
+  IkReport solve_paper(std::span<const EffectorTarget>, std::span<DualQuaternion>);
   void restart(int attempt);
   void solve_with_restarts(IkReport&);
 
@@ -103,8 +103,7 @@ struct IkSolver::State {
   IkKinematics at_now, at_next;
   EffectorLoad load;
   Eigen::VectorXd step, wish, anchor, gradient, diagonal, end;
-  Eigen::MatrixXd a;
-  Eigen::VectorXd b;
+  std::optional<PaperIk> paper;  ///< pgs_paper: all of it
 };
 
 bool IkSolver::State::reached(const IkKinematics& k) const {
@@ -221,6 +220,9 @@ void IkSolver::State::descend(IkReport& report, bool following) {
         // Errors that stay large have curvature that counts.
         curved = fall < kStalling * at_now.cost;
       } else {
+        // With the pull no damping makes the step small. On the way to a tolerance that is welcome,
+        // it leads out of corners; where the optimum itself is sought, it ends short of it.
+        if (!options.stop_at_tolerance) wish.setZero();
         damping *= growth;
         growth *= 2.0;
         report.converged = negligible || damping > kMostDamping;
@@ -244,6 +246,15 @@ void IkSolver::State::remember() {
   ++answers;
 }
 
+IkReport IkSolver::State::solve_paper(std::span<const EffectorTarget> targets,
+                                      std::span<DualQuaternion> pose) {
+  const IkReport report = paper->solve(targets, pose);
+  tree.load(pose, now);
+  for (const std::int32_t joint : tree.outside) outside[joint] = pose[joint];
+  remember();
+  return report;
+}
+
 /// `now` becomes the start of the next frame, `anchor` where it may as well stay.
 void IkSolver::State::extrapolate() {
   now = last;
@@ -258,46 +269,6 @@ void IkSolver::State::extrapolate() {
         (last.rotation[n] * before.rotation[n].conjugate() * last.rotation[n]).normalized();
   }
   tree.project(now.x);
-}
-
-void IkSolver::State::descend_paper(IkReport& report) {
-  tree.evaluate(now, goals, at_now);
-  best = now;
-  double best_cost = at_now.cost;
-  report.converged = done(at_now);
-  step.setZero();
-  double last_change = -1.0;
-  while (!report.converged && report.relinearisations < options.max_relinearisations) {
-    ++report.relinearisations;
-    linearise();
-    compose_load(tree, load);
-    normal_equations(tree, at_now, load, a, b);
-    a.diagonal() += options.damping * tree.damping;
-    step.setZero();
-    const PgsStats stats =
-        solve_pgs({a, b, now.x, tree.min, tree.max, ellipses}, step,
-                  {.max_sweeps = options.sweeps, .tolerance = options.stop_step});
-    report.sweeps += stats.sweeps;
-    gradient.noalias() = a * step;
-    gradient -= b;
-    diagonal = a.diagonal();
-    end = now.x + step;
-    report.residual = projected_residual(end, gradient, diagonal, tree.min, tree.max, ellipses);
-    tree.move(now, step, next);
-    tree.evaluate(next, goals, at_next);
-    std::swap(now, next);
-    std::swap(at_now, at_next);
-    if (at_now.cost < best_cost) {
-      best_cost = at_now.cost;
-      best = now;
-    }
-    const double change = step.size() > 0 ? step.cwiseAbs().maxCoeff() : 0.0;
-    const bool same = std::abs(change - last_change) < options.stop_step;
-    last_change = change;
-    report.converged = done(at_now) || change < options.stop_step || same;
-  }
-  std::swap(now, best);
-  tree.evaluate(now, goals, at_now);
 }
 
 /// Another start: coordinates with a range drawn from a fixed sequence, the others kept.
@@ -364,9 +335,12 @@ IkSolver::~IkSolver() = default;
 Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
   if (Result<void> valid = validate(rig); !valid) return valid.error();
   if (!(options.damping > 0.0) || options.max_relinearisations < 1 || options.sweeps < 1 ||
-      !(options.stop_step >= 0.0) || options.restarts < 0) {
+      !(options.stop_step >= 0.0) || options.restarts < 0 ||
+      !(options.relaxation > 0.0 && options.relaxation < 2.0)) {
     return Error{.code = "solver-options",
-                 .message = "damping must be positive; relinearisations and sweeps at least one",
+                 .message =
+                     "damping must be positive; relinearisations and sweeps at least one; "
+                     "relaxation between 0 and 2",
                  .hint = "leave the option out to get its default"};
   }
   return IkSolver(std::make_unique<State>(rig, options));
@@ -374,16 +348,13 @@ Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
 
 IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<DualQuaternion> pose) {
   State& s = *state_;
+  s.answers = 0;
+  if (s.paper) return s.solve_paper(targets, pose);
   IkReport report;
   s.tree.resolve(targets, s.goals);
   s.tree.load(pose, s.now);
-  s.answers = 0;
   s.settled_damping = s.options.damping;
-  if (s.options.method == IkMethod::pgs_paper) {
-    s.descend_paper(report);
-  } else {
-    s.solve_with_restarts(report);
-  }
+  s.solve_with_restarts(report);
   s.remember();
   report.cost = s.at_now.cost;
   report.reached = s.reached(s.at_now);
@@ -402,11 +373,12 @@ IkReport IkSolver::follow(std::span<const EffectorTarget> targets, std::span<Dua
   IkReport report;
   s.tree.resolve(targets, s.goals);
   s.extrapolate();
-  if (s.options.method == IkMethod::pgs_paper) {
-    s.descend_paper(report);
-  } else {
-    s.descend(report, true);
+  if (s.paper) {
+    for (const std::int32_t joint : s.tree.outside) pose[joint] = s.outside[joint];
+    s.tree.store(s.now, pose);
+    return s.solve_paper(targets, pose);
   }
+  s.descend(report, true);
   s.remember();
   report.cost = s.at_now.cost;
   report.reached = s.reached(s.at_now);

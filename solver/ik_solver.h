@@ -35,8 +35,10 @@ struct IkOptions {
   double stop_cost_decrease = 1e-6;  ///< relative fall of the cost per step that still counts
   double stop_cost = 1e-14;          ///< below it (m^2) there is nothing left to gain
   int max_relinearisations = 60;
-  int sweeps = 3;         ///< pgs_paper: per relinearisation
-  double damping = 1e-4;  ///< D; rotations (rad); translations: damping / l^2 with l = 1 m
+  /// pgs_paper: per relinearisation. One is the paper's iteration; 0.1 mm needs three.
+  int sweeps = 1;
+  double relaxation = 1.0;  ///< pgs_paper: of the sweeps, within (0, 2); 1: Gauss-Seidel
+  double damping = 1e-4;    ///< D; rotations (rad); translations: damping / l^2 with l = 1 m
   /// pgs: where the start ends out of tolerance, try again from a third, two thirds and all of the
   /// way to the middle of the ranges; an answer is kept if it gets there. A clip whose targets
   /// leave much open can wind itself into a corner of its limits; leaving it shows as a jump.

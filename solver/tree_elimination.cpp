@@ -39,10 +39,9 @@ namespace {
 constexpr int kMaxPasses = 24;
 constexpr int kReleasePasses = 8;
 constexpr int kTangentPasses = 6;
-constexpr double kTouch = 1e-10;     // rad, m: nearer to a limit counts as on it
-constexpr double kSlide = 1e-9;      // rad: shorter ways along a tangent count as none,
-constexpr double kSlidePart = 0.02;  // and so do those that are this small a part of the whole step
-constexpr double kWall = 1e-9;       // rad: a side of the ellipse that has no width
+constexpr double kTouch = 1e-10;  // rad, m: nearer to a limit counts as on it
+constexpr double kSlide = 1e-9;   // rad: shorter ways along a tangent count as none
+constexpr double kWall = 1e-9;    // rad: a side of the ellipse that has no width
 
 }  // namespace
 
@@ -291,7 +290,7 @@ EliminationStats TreeElimination::solve(const Eigen::VectorXd& x, double damping
     }
     if (!definite_) break;
     substitute(step);
-    slide_tolerance_ = std::max(kSlide, kSlidePart * step.cwiseAbs().maxCoeff());
+    slide_tolerance_ = std::max(kSlide, slide_part_ * step.cwiseAbs().maxCoeff());
     stats.settled = true;
     for (std::int32_t n = 0; n < nodes; ++n) {
       const bool box = update_box(n, x, step, stats.passes <= kReleasePasses);

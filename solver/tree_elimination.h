@@ -30,6 +30,10 @@ class TreeElimination {
   /// `step`: the solution. The active set is the start for the next call.
   EliminationStats solve(const Eigen::VectorXd& x, double damping, const Eigen::VectorXd& wish,
                          Eigen::VectorXd& step);
+  /// Slides of held swings along their ellipse that are shorter than this part of the whole step
+  /// count as settled. 0, the default: the solution is exact. An outer loop whose steps shrink
+  /// loses nothing by more.
+  void settle_slides_within(double part) { slide_part_ = part; }
   /// Twists of the nodes under the last step.
   std::span<const Vector6> node_twist() const { return twist_; }
 
@@ -78,7 +82,7 @@ class TreeElimination {
   std::vector<double> multiplier_;   ///< [coordinate] gradient of the objective where locked
   std::vector<std::uint8_t> dirty_;  ///< [node]
   bool definite_ = true;
-  double slide_tolerance_ = 0.0;
+  double slide_part_ = 0.0, slide_tolerance_ = 0.0;
 };
 
 }  // namespace limber

@@ -338,6 +338,7 @@ TEST(IkSolver, BadOptionsAndRigsAreRefused) {
   EXPECT_EQ(IkSolver::create(rig, {.damping = 0.0}).error().code, "solver-options");
   EXPECT_EQ(IkSolver::create(rig, {.max_relinearisations = 0}).error().code, "solver-options");
   EXPECT_EQ(IkSolver::create(rig, {.sweeps = 0}).error().code, "solver-options");
+  EXPECT_EQ(IkSolver::create(rig, {.relaxation = 2.0}).error().code, "solver-options");
   EXPECT_EQ(IkSolver::create(Rig{}).error().code, "rig-invalid");
 }
 

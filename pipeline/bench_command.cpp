@@ -1,19 +1,16 @@
 #include "pipeline/bench_command.h"
 
 #include <fmt/format.h>
-#include <zlib.h>
 
 #include <algorithm>
 #include <chrono>
-#include <cmath>
 #include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <vector>
 
 #include "assets/model/rig.h"
-#include "importers/rig_json.h"
+#include "pipeline/workload.h"
 #include "solver/ik_solver.h"
 #include "validation/ceres_refiner.h"
 #include "validation/limit_check.h"
@@ -22,139 +19,9 @@ namespace limber {
 
 namespace {
 
-constexpr int kRestartsOfLonePoses = 24;  // sporadic sets: no frame follows from another
-
-struct Workload {
-  std::string name;
-  Rig rig;
-  bool rest_start = false;  ///< every frame starts at q = 0, else frame 0 at its truth
-  double stop_pos = 1e-4, stop_rot = 8.7266e-4, success_pos = 1e-3, success_rot = 8.7266e-3;
-  std::vector<std::vector<double>> truth_q;          ///< [frame][ndof]
-  std::vector<std::vector<EffectorTarget>> targets;  ///< [frame][effector]
-  std::size_t frames() const { return targets.size(); }
+struct FrameResult : EffectorMiss {
+  double us = 0.0;
 };
-
-struct FrameResult {
-  double us = 0.0, position_mm = 0.0, orientation_deg = 0.0;
-};
-
-Error workload_error(std::string message) {
-  return {.code = "bench-workload",
-          .message = std::move(message),
-          .hint = "a workload is an ikwork/1 document, plain or gzipped"};
-}
-
-/// gzip or plain: zlib tells them apart.
-std::optional<std::string> read_text(const std::filesystem::path& path) {
-  const gzFile file = gzopen(path.c_str(), "rb");
-  if (file == nullptr) return std::nullopt;
-  std::string text;
-  std::vector<char> block(1 << 20);
-  int got = 0;
-  while ((got = gzread(file, block.data(), static_cast<unsigned>(block.size()))) > 0) {
-    text.append(block.data(), static_cast<std::size_t>(got));
-  }
-  const bool whole = gzeof(file) != 0 && got == 0;
-  gzclose(file);
-  if (!whole) return std::nullopt;
-  return text;
-}
-
-EffectorTarget read_target(const nlohmann::json& row) {
-  const Eigen::Quaterniond rotation(row.at(3).get<double>(), row.at(4).get<double>(),
-                                    row.at(5).get<double>(), row.at(6).get<double>());
-  return {.pose = DualQuaternion::from_rotation_translation(
-              rotation.normalized(),
-              {row.at(0).get<double>(), row.at(1).get<double>(), row.at(2).get<double>()})};
-}
-
-Result<Workload> parse_workload(const nlohmann::json& document) {
-  if (document.at("format") != "ikwork/1") return workload_error("the format is not ikwork/1");
-  Workload work;
-  work.name = fmt::format("{} {}", document.at("rig").get<std::string>(),
-                          document.at("set").get<std::string>());
-  const nlohmann::json rig = {{"format", "ikrig/1"},
-                              {"name", document.at("rig")},
-                              {"joints", document.at("joints")},
-                              {"effectors", document.at("effectors")}};
-  Result<Rig> read = read_rig_json(rig.dump());
-  if (!read) return read.error();
-  work.rig = std::move(read.value());
-  work.rest_start = document.at("start") == "rest";
-  const nlohmann::json& tolerance = document.at("tolerance");
-  work.stop_pos = tolerance.at("stop_pos").get<double>();
-  work.stop_rot = tolerance.at("stop_rot").get<double>();
-  work.success_pos = tolerance.at("success_pos").get<double>();
-  work.success_rot = tolerance.at("success_rot").get<double>();
-  work.truth_q = document.at("truth_q").get<std::vector<std::vector<double>>>();
-  const auto ndof = static_cast<std::size_t>(dof_count(work.rig));
-  for (const nlohmann::json& frame : document.at("targets")) {
-    std::vector<EffectorTarget> targets;
-    for (const nlohmann::json& row : frame) targets.push_back(read_target(row));
-    if (targets.size() != work.rig.effectors.size()) {
-      return workload_error("a frame has not one target per effector");
-    }
-    work.targets.push_back(std::move(targets));
-  }
-  for (const auto& q : work.truth_q) {
-    if (q.size() != ndof) return workload_error("a frame's truth_q has not ndof numbers");
-  }
-  if (work.targets.empty() || work.truth_q.size() != work.frames()) {
-    return workload_error("truth_q and targets differ in length, or are empty");
-  }
-  return work;
-}
-
-Result<Workload> read_workload(const std::filesystem::path& path) {
-  const std::optional<std::string> text = read_text(path);
-  if (!text) return workload_error("the file cannot be read");
-  try {
-    return parse_workload(nlohmann::json::parse(*text));
-  } catch (const nlohmann::json::exception& fault) {
-    return workload_error(fault.what());
-  }
-}
-
-/// One step on at the same speed: after (before^-1 after), per joint, translation likewise.
-void extrapolate(const Rig& rig, std::span<const DualQuaternion> before,
-                 std::span<const DualQuaternion> after, std::span<DualQuaternion> next) {
-  for (std::size_t i = 0; i < next.size(); ++i) {
-    const Eigen::Quaterniond& a = after[i].real;
-    const Eigen::Quaterniond turned = (a * (before[i].real.conjugate() * a)).normalized();
-    Eigen::Vector3d translation = after[i].translation();
-    if (rig.joints[i].type == JointType::free) {
-      translation += translation - before[i].translation();
-    }
-    next[i] = DualQuaternion::from_rotation_translation(turned, translation);
-  }
-}
-
-FrameResult measure(const Rig& rig, std::span<const EffectorTarget> targets,
-                    std::span<const DualQuaternion> world) {
-  FrameResult result;
-  for (std::size_t e = 0; e < rig.effectors.size(); ++e) {
-    const RigEffector& effector = rig.effectors[e];
-    if (!effector.strong) continue;
-    const DualQuaternion& joint = world[effector.joint];
-    const Eigen::Vector3d miss =
-        targets[e].pose.translation() - joint.transform_point(effector.offset);
-    if (effector.weight_pos > 0.0 && effector.kind != EffectorKind::orientation) {
-      result.position_mm = std::max(result.position_mm, 1e3 * miss.norm());
-    }
-    if (effector.weight_rot > 0.0 && effector.kind != EffectorKind::position) {
-      const double angle = rotation_angle(targets[e].pose.rotation(), joint.rotation());
-      result.orientation_deg = std::max(result.orientation_deg, angle * 180.0 / M_PI);
-    }
-  }
-  return result;
-}
-
-double percentile(std::vector<double> values, double p) {
-  if (values.empty()) return 0.0;
-  std::sort(values.begin(), values.end());
-  const auto i = static_cast<std::size_t>(p * static_cast<double>(values.size()));
-  return values[std::min(i, values.size() - 1)];
-}
 
 class Bench {
  public:
@@ -213,8 +80,7 @@ Result<void> Bench::run_lane(std::size_t first, std::size_t last, IkSolver& solv
     const auto end = Clock::now();
     model_from_local(skeleton, pose, world);
     fk_us_[f] = microseconds(Clock::now() - end);
-    results_[f] = measure(rig, work_.targets[f], world);
-    results_[f].us = microseconds(end - start);
+    results_[f] = {worst_miss(rig, work_.targets[f], world), microseconds(end - start)};
     std::copy(pose.begin(), pose.end(), clip_.frame(static_cast<std::int64_t>(f)).begin());
   }
   return {};
@@ -225,15 +91,9 @@ Result<void> Bench::run() {
   if (args_.pos) {
     for (RigEffector& effector : rig.effectors) effector.weight_rot = 0.0;
   }
-  IkOptions options;
-  options.method = args_.solver == "pgs-paper" ? IkMethod::pgs_paper : IkMethod::pgs;
-  // Convergence is quadratic, so a tenth of what the workload allows is nearly free; and a joint
-  // that passes through a straight limb keeps its side, where a looser answer may lose it.
-  const double margin = options.method == IkMethod::pgs ? 0.1 : 1.0;
-  options.stop_position_m = args_.stop_mm > 0.0 ? 1e-3 * args_.stop_mm : margin * work_.stop_pos;
-  options.stop_orientation_rad = margin * work_.stop_rot;
-  options.unwind = !work_.rest_start;
-  options.restarts = work_.rest_start ? kRestartsOfLonePoses : 0;
+  IkOptions options =
+      options_for(work_, args_.solver == "pgs-paper" ? IkMethod::pgs_paper : IkMethod::pgs);
+  if (args_.stop_mm > 0.0) options.stop_position_m = 1e-3 * args_.stop_mm;
   Result<IkSolver> solver = IkSolver::create(rig, options);
   if (!solver) return solver.error();
   const std::size_t frames = work_.frames();

@@ -33,6 +33,8 @@ Entry admit(const Workload& work, Contestant& contestant, const ContestOptions& 
   Entry entry;
   entry.contestant = &contestant;
   entry.score.name = contestant.name();
+  entry.score.setting = contestant.setting();
+  entry.score.ours = contestant.ours();
   entry.score.start = contestant.start();
   const std::size_t before = heap_in_use();
   if (Result<void> ready = contestant.prepare(work); !ready) {
@@ -126,7 +128,9 @@ void judge_poses(const Workload& work, const Clip& clip, Score& score) {
 
 void judge(const Workload& work, Entry& entry) {
   Score& score = entry.score;
-  std::vector<double> us(score.frames), over_rounds;
+  std::vector<double>& us = score.us;
+  us.resize(score.frames);
+  std::vector<double> over_rounds;
   for (std::size_t f = 0; f < score.frames; ++f) {
     over_rounds.clear();
     for (const std::vector<double>& round : entry.rounds) over_rounds.push_back(round[f]);

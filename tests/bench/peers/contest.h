@@ -11,16 +11,19 @@ namespace limber::peers {
 struct ContestOptions {
   int rounds = 5;
   /// What one contestant may spend on one workload, about; it cuts rounds first, then frames.
-  double budget_s = 10.0;
+  double budget_s = 3.0;
 };
 
 /// One contestant on one workload.
 struct Score {
   std::string name;
+  std::string setting;
+  bool ours = false;   ///< Limber's default solver, whatever its start
   std::string absent;  ///< why there are no figures; empty where there are
   Start start = Start::previous;
   std::size_t frames = 0;  ///< solved, from the first on
   int rounds = 0;
+  std::vector<double> us;  ///< [frame] median over the rounds
   double us_median = 0.0, us_mean = 0.0, us_p99 = 0.0;
   double iterations_mean = 0.0;
   double position_mm_median = 0.0, position_mm_p99 = 0.0;

@@ -28,6 +28,8 @@ class Contestant {
   virtual std::string name() const = 0;
   /// Its setting in a few words, printed above the table: nobody is to be beaten by neglect.
   virtual std::string setting() const = 0;
+  /// Limber's default solver, the measure of all others.
+  virtual bool ours() const { return false; }
   virtual Start start() const { return Start::previous; }
 
   /// Takes a workload, which outlives this; nothing of it is timed. Error: a rig that it cannot do.

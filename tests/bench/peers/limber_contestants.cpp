@@ -4,38 +4,24 @@
 #include <optional>
 
 #include "tests/bench/peers/frame_loop.h"
+#include "validation/ceres_refiner.h"
 
 namespace limber::peers {
 
 namespace {
 
-class Ours : public Contestant {
+/// Limber's own pose is what these move.
+class PoseContestant : public Contestant {
  public:
-  Ours(IkMethod method, Start start) : method_(method), start_(start) {}
-
-  std::string name() const override {
-    if (method_ == IkMethod::pgs_paper) return "ours, pgs-paper";
-    return start_ == Start::extrapolated ? "ours" : "ours, previous start";
-  }
-  std::string setting() const override {
-    if (method_ == IkMethod::pgs_paper) return "Kenwright 2013, as limber bench --solver pgs-paper";
-    return "as limber bench; stops at a tenth of the tolerance";
-  }
+  explicit PoseContestant(Start start) : start_(start) {}
   Start start() const override { return start_; }
-
-  Result<void> prepare(const Workload& work) override {
-    work_ = &work;
-    Result<IkSolver> solver = IkSolver::create(work.rig, options_for(work, method_));
-    if (!solver) return solver.error();
-    solver_.emplace(std::move(solver.value()));
-    return {};
-  }
-
   Answer solve_all(std::size_t frames) override {
     return solve_frames(*this, *work_, frames, start_);
   }
 
   using State = Pose;
+  virtual int solve(std::size_t frame, State& state) = 0;
+  virtual bool reached() const { return true; }
   State state_of(std::span<const double> q) const {
     Pose pose(work_->rig.joints.size());
     pose_from_coordinates(work_->rig, q, pose);
@@ -44,19 +30,64 @@ class Ours : public Contestant {
   void extrapolate(const State& before, const State& after, State& next) const {
     limber::extrapolate(work_->rig, before, after, next);
   }
-  int solve(std::size_t frame, State& state) {
-    return solver_->solve(work_->targets[frame], state).relinearisations;
-  }
-  bool reached() const { return true; }  // it sees to other starts itself
   void pose(const State& state, std::span<DualQuaternion> parent_from_joint) const {
     std::copy(state.begin(), state.end(), parent_from_joint.begin());
   }
 
+ protected:
+  const Workload* work_ = nullptr;
+
+ private:
+  Start start_;
+};
+
+class Ours : public PoseContestant {
+ public:
+  Ours(IkMethod method, Start start) : PoseContestant(start), method_(method) {}
+
+  std::string name() const override {
+    if (method_ == IkMethod::pgs_paper) return "ours, pgs-paper";
+    return start() == Start::extrapolated ? "ours" : "ours, previous start";
+  }
+  std::string setting() const override {
+    if (method_ == IkMethod::pgs_paper) return "Kenwright 2013 as limber bench --solver pgs-paper";
+    return "as limber bench: stops at a tenth of the tolerance; restarts and unwinds by itself";
+  }
+  bool ours() const override { return method_ == IkMethod::pgs; }
+  Result<void> prepare(const Workload& work) override {
+    work_ = &work;
+    Result<IkSolver> solver = IkSolver::create(work.rig, options_for(work, method_));
+    if (!solver) return solver.error();
+    solver_.emplace(std::move(solver.value()));
+    return {};
+  }
+  int solve(std::size_t frame, State& state) override {
+    return solver_->solve(work_->targets[frame], state).relinearisations;
+  }
+
  private:
   IkMethod method_;
-  Start start_;
-  const Workload* work_ = nullptr;
   std::optional<IkSolver> solver_;
+};
+
+class CeresContestant : public PoseContestant {
+ public:
+  CeresContestant() : PoseContestant(Start::extrapolated) {}
+
+  std::string name() const override { return "Ceres LM"; }
+  std::string setting() const override {
+    return "bounds on the swing chart, dense normal Cholesky, rounds of held bounds, at most 100 "
+           "iterations, no restarts; it stops by cost, not by tolerance";
+  }
+  Result<void> prepare(const Workload& work) override {
+    work_ = &work;
+    return {};
+  }
+  int solve(std::size_t frame, State& state) override {
+    const auto refined =
+        refine_with_ceres(work_->rig, work_->targets[frame], state, {.max_iterations = 100});
+    return refined ? refined->iterations : 0;
+  }
 };
 
 }  // namespace
@@ -64,5 +95,7 @@ class Ours : public Contestant {
 std::unique_ptr<Contestant> make_ours(IkMethod method, Start start) {
   return std::make_unique<Ours>(method, start);
 }
+
+std::unique_ptr<Contestant> make_ceres() { return std::make_unique<CeresContestant>(); }
 
 }  // namespace limber::peers

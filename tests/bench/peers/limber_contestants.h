@@ -9,4 +9,7 @@ namespace limber::peers {
 /// Limber as `limber bench` runs it.
 std::unique_ptr<Contestant> make_ours(IkMethod, Start);
 
+/// The second solver that Limber checks itself with, from each frame's start alone.
+std::unique_ptr<Contestant> make_ceres();
+
 }  // namespace limber::peers

@@ -1,14 +1,13 @@
-// Damped least squares with an active set.
+// A limited quadratic problem   min 1/2 d'Hd - d'g   over steps d that keep every limit.
 //
-// Per linearisation   min 1/2 d'(J'J + mu 1)d - d'J'r   over steps d that keep every limit.
-// Damping follows the error, mu = mu0 + k |r|^2 (Sugihara 2011, Levenberg-Marquardt with the
-// squared residual), so that convergence is quadratic where the targets are reachable; a step that
-// does not lower the error is taken back and tried with ten times the damping.
+// Limits found active are locked, the rest is solved by Cholesky; what the step then violates is
+// locked at its limit, what its limit no longer holds (by the sign of the multiplier g - Hd) is
+// released, and so on until nothing changes.
 //
 // A range locks its coordinate at the bound. A swing ellipse locks its normal: the swing's two
 // coordinates are turned so that the first points out of the ellipse at the point where the step
-// would leave it. What the border's curvature adds is of second order, and is clamped.
-#include "tests/bench/peers/active_set.h"
+// would leave it. What the border's curvature adds is of second order; clamping takes it away.
+#include "tests/bench/peers/limited_step.h"
 
 #include <Eigen/Cholesky>
 #include <algorithm>
@@ -17,13 +16,9 @@ namespace limber::peers {
 
 namespace {
 
-constexpr int kMaxIterations = 100;
-constexpr int kMaxPasses = 12;        // lock and release, per linearisation
-constexpr double kDamping = 1e-7;     // mu0
-constexpr double kDampingGain = 1.0;  // k
-constexpr double kMaxDamping = 1e4;
+constexpr int kMaxPasses = 12;     // lock and release
 constexpr double kOnLimit = 1e-9;  // rad
-constexpr double kStall = 1e-7;    // relative fall of |r|^2 that counts as none
+constexpr double kHeld = 1e-12;    // a multiplier below it releases nothing
 
 Eigen::Vector2d outward(const SwingEllipse& e, const Eigen::Vector2d& s) {
   const double a = s.x() < 0.0 ? e.min0 : e.max0, b = s.y() < 0.0 ? e.min1 : e.max1;
@@ -33,57 +28,21 @@ Eigen::Vector2d outward(const SwingEllipse& e, const Eigen::Vector2d& s) {
 
 }  // namespace
 
-ActiveSetDls::ActiveSetDls(Task& task, Assembly assembly)
-    : task_(task), assembly_(assembly), coordinates_(task.coordinates()) {
+LimitedStep::LimitedStep(const Coordinates& coordinates) : coordinates_(coordinates) {
   const Eigen::Index n = coordinates_.dofs();
   factor_.resize(n, n);
   step_.resize(n);
-  right_.resize(n);
   side_.resize(static_cast<std::size_t>(n));
   basis_.resize(coordinates_.swings().size());
   free_.reserve(static_cast<std::size_t>(n));
 }
 
-int ActiveSetDls::solve(State& state) {
-  task_.evaluate(state);
-  double cost = task_.cost(), extra = 0.0;
-  int iterations = 0;
-  while (!task_.reached() && iterations < kMaxIterations && extra < kMaxDamping) {
-    ++iterations;
-    assemble(state);
-    limited_step(state, kDamping + kDampingGain * cost + extra);
-    trial_ = state;
-    coordinates_.add(step_, trial_);
-    coordinates_.clamp(trial_);
-    task_.evaluate(trial_);
-    const double fall = cost - task_.cost();
-    if (fall > 0.0) {
-      std::swap(state, trial_);
-      cost = task_.cost();
-      extra *= 0.1;
-      if (fall < kStall * cost) break;
-    } else {
-      extra = std::max(10.0 * extra, 1e-3);
-      task_.evaluate(state);
-    }
-  }
-  return iterations;
-}
-
-void ActiveSetDls::assemble(const State& state) {
-  if (assembly_ == Assembly::chains) return task_.normal_equations(state, h_, g_);
-  task_.dense_jacobian(state, jacobian_);
-  h_.setZero(coordinates_.dofs(), coordinates_.dofs());
-  h_.selfadjointView<Eigen::Lower>().rankUpdate(jacobian_.transpose());
-  h_.triangularView<Eigen::StrictlyUpper>() = h_.transpose();
-  g_.noalias() = jacobian_.transpose() * task_.residual();
-}
-
-void ActiveSetDls::limited_step(const State& state, double damping) {
-  h_.diagonal().array() += damping;
+bool LimitedStep::solve(const State& state, Eigen::MatrixXd& h, Eigen::VectorXd& g) {
+  h_ = &h;
+  g_ = &g;
   lock_active(state);
   for (int pass = 0; pass < kMaxPasses; ++pass) {
-    solve_free();
+    if (!solve_free()) return false;
     if (!lock_violated(state) && !release()) break;
   }
   const auto& swings = coordinates_.swings();
@@ -92,15 +51,16 @@ void ActiveSetDls::limited_step(const State& state, double damping) {
     const Eigen::Vector2d normal = basis_[i];
     s = (s.x() * normal + s.y() * Eigen::Vector2d(-normal.y(), normal.x())).eval();
   }
+  return true;
 }
 
 /// Limits that the state is on and the descent direction pushes against.
-void ActiveSetDls::lock_active(const State& state) {
+void LimitedStep::lock_active(const State& state) {
   std::fill(side_.begin(), side_.end(), 0);
   step_.setZero();
-  for (Eigen::Index k = 0; k < g_.size(); ++k) {
-    if (state.q[k] >= coordinates_.upper()[k] - kOnLimit && g_[k] > 0.0) lock(k, 0.0, 1);
-    if (state.q[k] <= coordinates_.lower()[k] + kOnLimit && g_[k] < 0.0) lock(k, 0.0, -1);
+  for (Eigen::Index k = 0; k < g_->size(); ++k) {
+    if (state.q[k] >= coordinates_.upper()[k] - kOnLimit && (*g_)[k] > 0.0) lock(k, 0.0, 1);
+    if (state.q[k] <= coordinates_.lower()[k] + kOnLimit && (*g_)[k] < 0.0) lock(k, 0.0, -1);
   }
   const auto& swings = coordinates_.swings();
   for (std::size_t i = 0; i < swings.size(); ++i) {
@@ -108,48 +68,50 @@ void ActiveSetDls::lock_active(const State& state) {
     const Eigen::Vector2d s = state.q.segment<2>(swings[i].dof);
     if (swings[i].ellipse.level(s) < 1.0 - kOnLimit) continue;
     const Eigen::Vector2d normal = outward(swings[i].ellipse, s);
-    if (normal.dot(g_.segment<2>(swings[i].dof)) <= 0.0) continue;
+    if (normal.dot(g_->segment<2>(swings[i].dof)) <= 0.0) continue;
     turn_basis(i, normal);
     lock(swings[i].dof, 0.0, 1);
   }
 }
 
-void ActiveSetDls::lock(Eigen::Index dof, double displacement, int side) {
+void LimitedStep::lock(Eigen::Index dof, double displacement, int side) {
   side_[static_cast<std::size_t>(dof)] = side;
   step_[dof] = displacement;
 }
 
-void ActiveSetDls::solve_free() {
+bool LimitedStep::solve_free() {
   free_.clear();
-  for (Eigen::Index k = 0; k < g_.size(); ++k) {
+  for (Eigen::Index k = 0; k < g_->size(); ++k) {
     if (side_[static_cast<std::size_t>(k)] == 0) {
       free_.push_back(k);
       step_[k] = 0.0;
     }
   }
   const auto m = static_cast<Eigen::Index>(free_.size());
-  if (m == 0) return;
-  right_ = g_;
-  for (Eigen::Index k = 0; k < g_.size(); ++k) {
-    if (step_[k] != 0.0) right_.noalias() -= step_[k] * h_.col(k);
+  if (m == 0) return true;
+  right_ = *g_;
+  for (Eigen::Index k = 0; k < g_->size(); ++k) {
+    if (step_[k] != 0.0) right_.noalias() -= step_[k] * h_->col(k);
   }
   for (Eigen::Index j = 0; j < m; ++j) {
-    const double* from = h_.col(free_[static_cast<std::size_t>(j)]).data();
+    const double* from = h_->col(free_[static_cast<std::size_t>(j)]).data();
     double* to = factor_.col(j).data();
     for (Eigen::Index i = j; i < m; ++i) to[i] = from[free_[static_cast<std::size_t>(i)]];
   }
   for (Eigen::Index j = 0; j < m; ++j) right_[j] = right_[free_[static_cast<std::size_t>(j)]];
   Eigen::Ref<Eigen::MatrixXd> in_place = factor_.topLeftCorner(m, m);
   const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> cholesky(in_place);
+  if (cholesky.info() != Eigen::Success) return false;
   auto x = right_.head(m);
   cholesky.solveInPlace(x);
   for (Eigen::Index j = 0; j < m; ++j) step_[free_[static_cast<std::size_t>(j)]] = x[j];
+  return true;
 }
 
 /// Locks what the step would push through its limit, at the limit.
-bool ActiveSetDls::lock_violated(const State& state) {
+bool LimitedStep::lock_violated(const State& state) {
   bool any = false;
-  for (Eigen::Index k = 0; k < g_.size(); ++k) {
+  for (Eigen::Index k = 0; k < g_->size(); ++k) {
     if (side_[static_cast<std::size_t>(k)] != 0) continue;
     const double to = state.q[k] + step_[k];
     if (to > coordinates_.upper()[k] + kOnLimit) {
@@ -178,14 +140,14 @@ bool ActiveSetDls::lock_violated(const State& state) {
 }
 
 /// Frees what its limit no longer holds: the multiplier r = g - H d points inwards.
-bool ActiveSetDls::release() {
+bool LimitedStep::release() {
   if (free_.size() == side_.size()) return false;
-  multiplier_ = g_;
-  multiplier_.noalias() -= h_ * step_;
+  multiplier_ = *g_;
+  multiplier_.noalias() -= *h_ * step_;
   bool any = false;
-  for (Eigen::Index k = 0; k < g_.size(); ++k) {
+  for (Eigen::Index k = 0; k < g_->size(); ++k) {
     int& side = side_[static_cast<std::size_t>(k)];
-    if (side * multiplier_[k] < -1e-12) {
+    if (side * multiplier_[k] < -kHeld) {
       side = 0;
       any = true;
     }
@@ -194,15 +156,15 @@ bool ActiveSetDls::release() {
 }
 
 /// Turns the two coordinates of a swing so that the first runs along `normal`.
-void ActiveSetDls::turn_basis(std::size_t swing, const Eigen::Vector2d& normal) {
+void LimitedStep::turn_basis(std::size_t swing, const Eigen::Vector2d& normal) {
   const Eigen::Index k = coordinates_.swings()[swing].dof;
   const Eigen::Vector2d old = basis_[swing];
   const double c = old.dot(normal), s = old.x() * normal.y() - old.y() * normal.x();
   Eigen::Matrix2d old_from_new;
   old_from_new << c, -s, s, c;
-  h_.middleCols<2>(k) = (h_.middleCols<2>(k) * old_from_new).eval();
-  h_.middleRows<2>(k) = (old_from_new.transpose() * h_.middleRows<2>(k)).eval();
-  g_.segment<2>(k) = (old_from_new.transpose() * g_.segment<2>(k)).eval();
+  h_->middleCols<2>(k) = (h_->middleCols<2>(k) * old_from_new).eval();
+  h_->middleRows<2>(k) = (old_from_new.transpose() * h_->middleRows<2>(k)).eval();
+  g_->segment<2>(k) = (old_from_new.transpose() * g_->segment<2>(k)).eval();
   basis_[swing] = normal;
 }
 

@@ -25,6 +25,7 @@ Result<void> CoordinatePeer::prepare(const Workload& work) {
 }
 
 Answer CoordinatePeer::solve_all(std::size_t frames) {
+  method_ = entry_.make(*task_);  // what a method learns on the way is not carried into a new run
   return solve_frames(*this, *work_, frames, entry_.start);
 }
 

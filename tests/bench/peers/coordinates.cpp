@@ -10,10 +10,13 @@ namespace {
 constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
 Error cannot_do(std::string message, const RigJoint& joint) {
-  return {.code = "bench-peers",
-          .message = std::move(message),
-          .joint = joint.name,
-          .hint = "the peers know hinges, universal joints, limited balls and a free root"};
+  return {
+      .code = "bench-peers",
+      .message = std::move(message),
+      .joint = joint.name,
+      .hint =
+          "the peers know hinges, universal joints, limited balls, a free root and effectors of "
+          "kind pose and position"};
 }
 
 Eigen::Quaterniond about(const Eigen::Vector3d& axis, double angle) {
@@ -23,6 +26,14 @@ Eigen::Quaterniond about(const Eigen::Vector3d& axis, double angle) {
 }  // namespace
 
 Result<Coordinates> Coordinates::of(const Rig& rig) {
+  for (const RigEffector& effector : rig.effectors) {
+    if (effector.kind == EffectorKind::pose || effector.kind == EffectorKind::position) continue;
+    return cannot_do(std::string("an effector is of kind ") + to_string(effector.kind),
+                     rig.joints[effector.joint]);
+  }
+  if (!rig.couplings.empty()) {
+    return cannot_do("it is coupled", rig.joints[rig.couplings.front().to_joint]);
+  }
   Coordinates c;
   c.rig_ = &rig;
   for (const std::int32_t b : dof_begin(rig)) c.begin_.push_back(b);

@@ -25,7 +25,8 @@ struct State {
 /// The coordinates of a rig and their limits.
 class Coordinates {
  public:
-  /// Error `bench-peers`: a free joint below the root, couplings, an unlimited ball.
+  /// Error `bench-peers`: a free joint below the root, an unlimited ball, couplings, effectors of
+  /// other kinds than pose and position.
   static Result<Coordinates> of(const Rig&);
 
   const Rig& rig() const { return *rig_; }

@@ -11,6 +11,7 @@ namespace {
 constexpr double kRotationArm2 = 0.01;  // (0.1 m/rad)^2
 constexpr double kStay = 1e-6;          // share of B that prefers no turn where B leaves it open
 constexpr double kTwistShare = 1e-2;    // FABRIK: orientations beside positions
+constexpr double kFurther = 0.01;       // FABRIK: the next bone's end beside this one's
 constexpr int kPatience = 20;           // iterations without a better pose
 
 /// The rotation nearest to B: maximises trace(T' B).
@@ -256,17 +257,32 @@ void Fabrik::outwards(State& state) {
     }
     turned_[i] = parent_rest * task_.coordinates().rotation(i, state).toRotationMatrix();
     if (weight_[i] == 0.0 || joint.type == JointType::fixed) continue;
-    turned_[i] = turn_joint(task_.coordinates(), i, parent_rest, fit(i), state) * turned_[i];
+    turned_[i] = turn_joint(task_.coordinates(), i, parent_rest, fit(i, state), state) * turned_[i];
   }
 }
 
 /// Sum of w d r' over what hangs on a joint whose place and rotation so far are known.
-Eigen::Matrix3d Fabrik::fit(std::int32_t i) const {
+Eigen::Matrix3d Fabrik::fit(std::int32_t i, const State& state) const {
   const Rig& rig = task_.coordinates().rig();
   Eigen::Matrix3d b = Eigen::Matrix3d::Zero();
   for (const std::int32_t child : children_[i]) {
     const Eigen::Vector3d bone = turned_[i] * rig.joints[child].offset;
     b += weight_[child] * (origin_[child] - placed_[i]) * bone.transpose();
+    // One bone further, for the twist about this one: a hinge below finds its plane that way.
+    const Eigen::Matrix3d below =
+        turned_[i] *
+        (rig.joints[child].rest * task_.coordinates().rotation(child, state)).toRotationMatrix();
+    for (const std::int32_t next : children_[child]) {
+      const Eigen::Vector3d arm = bone + below * rig.joints[next].offset;
+      b += kFurther * weight_[next] * (origin_[next] - placed_[i]) * arm.transpose();
+    }
+    for (const std::size_t e : effectors_[child]) {
+      const RigEffector& effector = rig.effectors[e];
+      const EffectorTarget& target = task_.targets()[e];
+      const Eigen::Vector3d arm = bone + below * effector.offset;
+      b += kFurther * target.weight * effector.weight_pos *
+           (target.pose.translation() - placed_[i]) * arm.transpose();
+    }
   }
   bool carries_orientation = false;
   for (const std::size_t e : effectors_[i]) {

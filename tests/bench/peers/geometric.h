@@ -51,7 +51,7 @@ class Fabrik : public Method {
   void outwards(State&);
   void ask(std::int32_t joint, const Eigen::Vector3d& origin, double weight);
   void ask_parent(std::int32_t joint, const State&);
-  Eigen::Matrix3d fit(std::int32_t joint) const;
+  Eigen::Matrix3d fit(std::int32_t joint, const State&) const;
 
   Task& task_;
   PlainKinematics kinematics_;

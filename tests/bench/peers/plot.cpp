@@ -10,8 +10,9 @@ namespace limber::peers {
 
 namespace {
 
-constexpr int kPanelWidth = 620, kPanelHeight = 360, kMargin = 24, kLegendRow = 22, kColumns = 2;
-constexpr int kLegendColumn = 400;
+constexpr int kPanelWidth = 620, kPanelHeight = 420, kMargin = 24, kLegendRow = 22, kColumns = 2;
+constexpr int kHeadroom = 110;  // above 100 %, where marks that share a place are piled up
+constexpr int kLegendColumn = 300;
 
 /// A panel's axes: mean microseconds, logarithmic, against the share solved.
 struct Axes {
@@ -31,7 +32,8 @@ Rgb colour_of(const Score& score) {
 }
 
 Axes axes_for(const Chapter& chapter, const Box& panel) {
-  Axes axes{{panel.x + 52, panel.y + 44, panel.width - 76, panel.height - 92}};
+  Axes axes{
+      {panel.x + 52, panel.y + 44 + kHeadroom, panel.width - 76, panel.height - 92 - kHeadroom}};
   double least = 1e9, most = 0.0;
   for (const Score& s : chapter.scores) {
     if (!s.absent.empty()) continue;
@@ -68,7 +70,7 @@ void mark(Canvas& canvas, const Eigen::Vector2d& at, std::size_t number, Rgb col
               1.3);
 }
 
-/// Marks that would cover each other are moved down, in order of time.
+/// Marks that would cover each other are piled up, in order of time, on a stem to their place.
 void draw_marks(Canvas& canvas, const Chapter& chapter, const Axes& axes) {
   std::vector<std::size_t> order;
   for (std::size_t i = 0; i < chapter.scores.size(); ++i) {
@@ -83,8 +85,8 @@ void draw_marks(Canvas& canvas, const Chapter& chapter, const Axes& axes) {
     Eigen::Vector2d at(axes.x(s.us_mean), axes.y(s.success));
     const double true_y = at.y();
     const auto covers = [&](const Eigen::Vector2d& p) { return (p - at).norm() < 18.0; };
-    while (std::any_of(taken.begin(), taken.end(), covers)) at.y() += 6.0;
-    if (at.y() > true_y) canvas.line({at.x(), true_y}, at, 1.5, colour_of(s), 0.5);
+    while (std::any_of(taken.begin(), taken.end(), covers)) at.y() -= 6.0;
+    if (at.y() < true_y) canvas.line({at.x(), true_y}, at, 1.5, colour_of(s), 0.5);
     mark(canvas, at, i + 1, colour_of(s));
     taken.push_back(at);
   }
@@ -103,7 +105,7 @@ void draw_legend(Canvas& canvas, const Chapter& chapter, const Box& panel) {
 
 std::vector<unsigned char> plot_report(const std::vector<Chapter>& chapters) {
   const int rows = (static_cast<int>(chapters.size()) + kColumns - 1) / kColumns;
-  const int cell = kPanelWidth + kLegendColumn / 2 + kMargin;
+  const int cell = kPanelWidth + kLegendColumn + kMargin;
   Canvas canvas(kMargin + kColumns * cell, kMargin + std::max(rows, 1) * (kPanelHeight + kMargin),
                 palette::kPage);
   for (std::size_t i = 0; i < chapters.size(); ++i) {

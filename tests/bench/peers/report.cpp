@@ -98,7 +98,7 @@ std::string text_report(const std::vector<Chapter>& chapters, const ContestOptio
   if (!chapters.empty()) {
     text += "Settings:\n";
     for (const Score& s : chapters.front().scores) {
-      text += fmt::format("  {:<37}{}\n", s.name, s.setting);
+      text += fmt::format("  {:<41}{}\n", s.name, s.setting);
     }
   }
   for (const Chapter& chapter : chapters) {

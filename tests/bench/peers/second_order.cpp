@@ -83,6 +83,12 @@ void Newton::model(const State& state, Eigen::MatrixXd& h, Eigen::VectorXd& g) {
   task_.evaluate(state);
 }
 
+int Bfgs::solve(State& state) {
+  const int iterations = SecondOrder::solve(state);
+  if (!task_.reached()) b_.resize(0, 0);
+  return iterations;
+}
+
 void Bfgs::model(const State& state, Eigen::MatrixXd& h, Eigen::VectorXd& g) {
   if (b_.size() == 0) task_.normal_equations(state, b_, g_);  // a better start than the identity
   task_.descent(state, g_);

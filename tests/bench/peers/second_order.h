@@ -59,10 +59,11 @@ class Newton : public SecondOrder {
   Eigen::VectorXd shift_, there_;
 };
 
-/// Broyden's class: BFGS, its Hessian kept from frame to frame.
+/// Broyden's class: BFGS, its Hessian kept from frame to frame while it serves.
 class Bfgs : public SecondOrder {
  public:
   explicit Bfgs(Task& task) : SecondOrder(task, 0.0) {}
+  int solve(State&) override;
 
  protected:
   void model(const State&, Eigen::MatrixXd& h, Eigen::VectorXd& g) override;

@@ -13,6 +13,7 @@
 #include "pipeline/workload.h"
 #include "solver/ik_solver.h"
 #include "validation/ceres_refiner.h"
+#include "validation/contact_detection.h"
 #include "validation/limit_check.h"
 
 namespace limber {
@@ -122,15 +123,15 @@ nlohmann::ordered_json Bench::summary() const {
               frame.orientation_deg < work_.success_rot * 180.0 / M_PI;
   }
   const auto spread = [](const std::vector<double>& values) {
-    return nlohmann::ordered_json{{"median", percentile(values, 0.5)},
-                                  {"p95", percentile(values, 0.95)},
-                                  {"max", percentile(values, 1.0)}};
+    return nlohmann::ordered_json{{"median", percentile(values, 50.0)},
+                                  {"p95", percentile(values, 95.0)},
+                                  {"max", percentile(values, 100.0)}};
   };
   return {{"workload", work_.name + (args_.pos ? " pos" : "")},
           {"solver", args_.solver},
           {"frames", work_.frames()},
-          {"us", {{"median", percentile(us, 0.5)}, {"p99", percentile(us, 0.99)}}},
-          {"fk_us", percentile(fk_us_, 0.5)},
+          {"us", {{"median", percentile(us, 50.0)}, {"p99", percentile(us, 99.0)}}},
+          {"fk_us", percentile(fk_us_, 50.0)},
           {"position_error_mm", spread(mm)},
           {"orientation_error_deg", spread(deg)},
           {"limit_violations", limits.violations},

@@ -141,11 +141,4 @@ EffectorMiss worst_miss(const Rig& rig, std::span<const EffectorTarget> targets,
   return worst;
 }
 
-double percentile(std::vector<double> values, double p) {
-  if (values.empty()) return 0.0;
-  std::sort(values.begin(), values.end());
-  const auto i = static_cast<std::size_t>(p * static_cast<double>(values.size()));
-  return values[std::min(i, values.size() - 1)];
-}
-
 }  // namespace limber

@@ -43,7 +43,4 @@ struct EffectorMiss {
 EffectorMiss worst_miss(const Rig&, std::span<const EffectorTarget>,
                         std::span<const DualQuaternion> world_from_joint);
 
-/// The value below which the share p of the values lies; 0 where there are none.
-double percentile(std::vector<double> values, double p);
-
 }  // namespace limber

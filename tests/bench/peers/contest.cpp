@@ -6,6 +6,7 @@
 #include <cmath>
 #include <numeric>
 
+#include "validation/contact_detection.h"
 #include "validation/limit_check.h"
 
 namespace limber::peers {
@@ -118,10 +119,10 @@ void judge_poses(const Workload& work, const Clip& clip, Score& score) {
   const LimitReport limits = check_joint_limits(work.rig, clip);
   score.violations = limits.violations;
   score.max_violation_deg = limits.max_violation_deg;
-  score.position_mm_median = percentile(mm, 0.5);
-  score.position_mm_p99 = percentile(mm, 0.99);
-  score.orientation_deg_median = percentile(deg, 0.5);
-  score.orientation_deg_p99 = percentile(deg, 0.99);
+  score.position_mm_median = percentile(mm, 50.0);
+  score.position_mm_p99 = percentile(mm, 99.0);
+  score.orientation_deg_median = percentile(deg, 50.0);
+  score.orientation_deg_p99 = percentile(deg, 99.0);
   score.success = static_cast<double>(solved) / static_cast<double>(clip.frames());
   score.jerk_ratio = jerk_ratio(work, clip);
 }
@@ -134,14 +135,14 @@ void judge(const Workload& work, Entry& entry) {
   for (std::size_t f = 0; f < score.frames; ++f) {
     over_rounds.clear();
     for (const std::vector<double>& round : entry.rounds) over_rounds.push_back(round[f]);
-    us[f] = percentile(over_rounds, 0.5);
+    us[f] = percentile(over_rounds, 50.0);
   }
   const auto mean = [](const auto& values) {
     return std::accumulate(values.begin(), values.end(), 0.0) / static_cast<double>(values.size());
   };
-  score.us_median = percentile(us, 0.5);
+  score.us_median = percentile(us, 50.0);
   score.us_mean = mean(us);
-  score.us_p99 = percentile(us, 0.99);
+  score.us_p99 = percentile(us, 99.0);
   score.iterations_mean = mean(entry.answer.iterations);
   judge_poses(work, entry.answer.clip, score);
 }

@@ -18,7 +18,10 @@ Result<void> CoordinatePeer::prepare(const Workload& work) {
   } else {
     kinematics_ = std::make_unique<PlainKinematics>(*coordinates_);
   }
-  if (kinematics_ == nullptr) return Error{.code = "bench-peers", .message = "not installed"};
+  if (kinematics_ == nullptr) {
+    return Error{.code = "bench-peers",
+                 .message = has_mujoco() ? "MuJoCo refuses the rig" : "not installed"};
+  }
   task_ = std::make_unique<Task>(work, *kinematics_);
   method_ = entry_.make(*task_);
   return {};

@@ -19,49 +19,70 @@ std::unique_ptr<Method> dense_dls(Task& task) {
   return std::make_unique<LeastSquares>(task, LeastSquares::Assembly::dense);
 }
 
-/// Second-order methods: limits by active set, starts again as ours does.
-std::vector<MethodEntry> second_order(Start start) {
-  const std::string limits = "Levenberg-Marquardt, active set over ranges and swing ellipses";
-  const std::string dense =
-      limits + ", mj_jacSite, dense J and J'J, Cholesky; starts again as ours";
-  const std::string chains = limits + ", J'J by effectors' chains, Cholesky; starts again as ours";
+/// Damped least squares three times: as MuJoCo's users write it, as fast as MuJoCo lets us make it,
+/// and without MuJoCo.
+std::vector<MethodEntry> least_squares(Start start) {
+  const std::string limits = "Levenberg-Marquardt, active set over ranges and swing ellipses, ";
+  const std::string dense = limits + "mj_jacSite, dense J and J'J, Cholesky; starts again as ours";
+  const std::string chains = limits + "J'J by effectors' chains, Cholesky; starts again as ours";
   const std::string tail = start == Start::previous ? ", previous start" : "";
   return {
-      {"MuJoCo + DLS" + tail, dense, dense_dls, start, true},
-      {"MuJoCo + DLS by chains" + tail, chains, make<LeastSquares>, start, true},
-      {"DLS by chains" + tail, chains, make<LeastSquares>, start},
+      {.name = "MuJoCo + DLS" + tail,
+       .setting = dense,
+       .make = dense_dls,
+       .start = start,
+       .mujoco = true},
+      {.name = "MuJoCo + DLS by chains" + tail,
+       .setting = chains,
+       .make = make<LeastSquares>,
+       .start = start,
+       .mujoco = true},
+      {.name = "DLS by chains" + tail,
+       .setting = chains,
+       .make = make<LeastSquares>,
+       .start = start},
   };
 }
 
-std::vector<MethodEntry> others() {
-  const Start start = Start::extrapolated;
-  const std::string again = "; starts again as ours", once = "; one start";
-  const std::string clamp = ", joints clamped after each step";
-  return {
-      {"Newton", "true Hessian by differences of the gradient, damped, active set" + again,
-       make<Newton>, start},
-      {"BFGS", "Broyden's class, Powell's damping, Hessian kept between frames, active set" + again,
-       make<Bfgs>, start},
-      {"DLS, clamped", "lambda^2 = 1e-5, at most 100 iterations" + clamp + once, make<ClampedDls>,
-       start, false, false},
-      {"SVD-DLS, clamped",
-       "numerical filtering below 3e-3 m/rad, at most 100 iterations" + clamp + once, make<SvdDls>,
-       start, false, false},
-      {"SDLS, clamped",
-       "Buss & Kim 2005, gamma_max 45 degrees, at most 100 iterations" + clamp + once, make<Sdls>,
-       start, false, false},
-      {"Jacobian transpose", "Buss 2004's step length, at most 1000 iterations" + clamp + once,
-       make<JacobianTranspose>, start, false, false},
-      {"CCD",
-       "weighted fit of all effectors below a joint, balls in closed form, at most 500 sweeps" +
-           once,
-       make<Ccd>, start, false, false},
-      {"FABRIK",
-       "limits in the outward pass, at most 500 passes; has no way to meet an orientation "
-       "but through the bone that carries it" +
-           once,
-       make<Fabrik>, start, false, false},
+std::vector<MethodEntry> newton_and_broyden() {
+  return {{.name = "Newton",
+           .setting = "true Hessian by differences of the gradient, damped, active set; starts "
+                      "again as ours",
+           .make = make<Newton>,
+           .start = Start::extrapolated},
+          {.name = "BFGS",
+           .setting = "Broyden's class, Powell's damping, Hessian kept between frames, active set; "
+                      "starts again as ours",
+           .make = make<Bfgs>,
+           .start = Start::extrapolated}};
+}
+
+/// Methods that know limits only by clamping; each takes one start.
+std::vector<MethodEntry> clamping() {
+  const std::string tail = ", joints clamped after each step; one start";
+  const auto entry = [](std::string name, std::string setting, auto maker) {
+    return MethodEntry{.name = std::move(name),
+                       .setting = std::move(setting),
+                       .make = maker,
+                       .start = Start::extrapolated,
+                       .rescue = false};
   };
+  return {
+      entry("DLS, clamped", "lambda^2 = 1e-5, at most 100 iterations" + tail, make<ClampedDls>),
+      entry("SVD-DLS, clamped",
+            "numerical filtering below 3e-3 m/rad, at most 100 iterations" + tail, make<SvdDls>),
+      entry("SDLS, clamped", "Buss & Kim 2005, gamma_max 45 degrees, at most 100 iterations" + tail,
+            make<Sdls>),
+      entry("Jacobian transpose", "Buss 2004's step length, at most 1000 iterations" + tail,
+            make<JacobianTranspose>),
+      entry("CCD",
+            "weighted fit of all effectors below a joint, balls in closed form, at most 500 "
+            "sweeps; one start",
+            make<Ccd>),
+      entry("FABRIK",
+            "limits in the outward pass, twists from the next bone, at most 500 passes, one "
+            "start; orientations are met only by the joint that carries the effector",
+            make<Fabrik>)};
 }
 
 }  // namespace
@@ -76,9 +97,10 @@ std::vector<std::unique_ptr<Contestant>> all_contestants(const Workload& work) {
   all.push_back(make_ours(IkMethod::pgs, Start::extrapolated));
   if (!work.rest_start) all.push_back(make_ours(IkMethod::pgs, Start::previous));
   all.push_back(make_ours(IkMethod::pgs_paper, Start::extrapolated));
-  add(second_order(Start::extrapolated));
-  if (!work.rest_start) add(second_order(Start::previous));
-  add(others());
+  add(least_squares(Start::extrapolated));
+  if (!work.rest_start) add(least_squares(Start::previous));
+  add(newton_and_broyden());
+  add(clamping());
   all.push_back(make_ceres());
   return all;
 }

@@ -6,6 +6,8 @@
 #include <nlohmann/json.hpp>
 #include <numeric>
 
+#include "validation/contact_detection.h"
+
 namespace limber::peers {
 
 namespace {
@@ -20,7 +22,7 @@ Ratios ratios(const Score& score, const Score& ours) {
   const std::vector<double> a(score.us.begin(), score.us.begin() + frames);
   const std::vector<double> b(ours.us.begin(), ours.us.begin() + frames);
   return {std::accumulate(a.begin(), a.end(), 0.0) / std::accumulate(b.begin(), b.end(), 0.0),
-          percentile(a, 0.5) / percentile(b, 0.5)};
+          percentile(a, 50.0) / percentile(b, 50.0)};
 }
 
 /// Ours with the same start, else ours.

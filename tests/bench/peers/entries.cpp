@@ -68,7 +68,10 @@ std::vector<MethodEntry> clamping() {
                        .rescue = false};
   };
   return {
-      entry("DLS, clamped", "lambda^2 = 1e-5, at most 100 iterations" + tail, make<ClampedDls>),
+      entry("DLS, clamped",
+            "lambda^2 = 1e-5, the best of 1e-5, 1e-4 and 1e-3 on motions, at most 100 iterations" +
+                tail,
+            make<ClampedDls>),
       entry("SVD-DLS, clamped",
             "numerical filtering below 3e-3 m/rad, at most 100 iterations" + tail, make<SvdDls>),
       entry("SDLS, clamped", "Buss & Kim 2005, gamma_max 45 degrees, at most 100 iterations" + tail,

@@ -77,7 +77,8 @@ class CeresContestant : public PoseContestant {
   std::string name() const override { return "Ceres LM"; }
   std::string setting() const override {
     return "bounds on the swing chart, dense normal Cholesky, rounds of held bounds, at most 100 "
-           "iterations, one start; stops where the cost alone says that all are within tolerance";
+           "iterations, one start; stops where the cost alone says that all are within tolerance; "
+           "allocates anew for every solve";
   }
   Result<void> prepare(const Workload& work) override {
     work_ = &work;

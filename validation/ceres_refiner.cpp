@@ -45,16 +45,18 @@ class FreeCoordinates : public ceres::CostFunction {
   mutable Eigen::MatrixXd jacobian_;
 };
 
-/// Ends a round when a coordinate has met a bound, so that the next round can hold it there:
-/// Ceres's steps do not know which bounds are active, and creep along them.
+/// Ends a round when the cost is low enough, or when a coordinate has met a bound, so that the next
+/// round can hold it there: Ceres's steps do not know which bounds are active, and creep along
+/// them.
 class StopAtNewBound : public ceres::IterationCallback {
  public:
   StopAtNewBound(const std::vector<double>& x, const std::vector<double>& lower,
-                 const std::vector<double>& upper)
-      : x_(x), lower_(lower), upper_(upper) {}
+                 const std::vector<double>& upper, double enough_cost)
+      : x_(x), lower_(lower), upper_(upper), enough_cost_(enough_cost) {}
 
   ceres::CallbackReturnType operator()(const ceres::IterationSummary& summary) override {
     if (summary.iteration == 0 || !summary.step_is_successful) return ceres::SOLVER_CONTINUE;
+    if (2.0 * summary.cost <= enough_cost_) return ceres::SOLVER_TERMINATE_SUCCESSFULLY;
     for (std::size_t k = 0; k < x_.size(); ++k) {
       if (x_[k] <= lower_[k] + kOnBound || x_[k] >= upper_[k] - kOnBound) {
         return ceres::SOLVER_TERMINATE_SUCCESSFULLY;
@@ -65,6 +67,7 @@ class StopAtNewBound : public ceres::IterationCallback {
 
  private:
   const std::vector<double>&x_, &lower_, &upper_;
+  double enough_cost_;
 };
 
 /// Coordinates that no bound holds: strictly inside, or pulled inwards by the gradient.
@@ -90,7 +93,8 @@ struct Round {
   bool usable = false;
 };
 
-Round minimise(EffectorProblem& problem, const std::vector<int>& free, int max_iterations) {
+Round minimise(EffectorProblem& problem, const std::vector<int>& free, int max_iterations,
+               double enough_cost) {
   std::vector<double> x, lower, upper;
   for (const int k : free) {
     x.push_back(problem.x()[k]);
@@ -104,7 +108,7 @@ Round minimise(EffectorProblem& problem, const std::vector<int>& free, int max_i
     if (std::isfinite(lower[k])) ceres_problem.SetParameterLowerBound(x.data(), index, lower[k]);
     if (std::isfinite(upper[k])) ceres_problem.SetParameterUpperBound(x.data(), index, upper[k]);
   }
-  StopAtNewBound stop(x, lower, upper);
+  StopAtNewBound stop(x, lower, upper, enough_cost);
   ceres::Solver::Options options;
   options.linear_solver_type = ceres::DENSE_NORMAL_CHOLESKY;
   options.logging_type = ceres::SILENT;
@@ -158,11 +162,12 @@ Result<RefineReport> refine_with_ceres(const Rig& rig, std::span<const EffectorT
   problem.start_from(parent_from_joint);
 
   double cost = problem.cost(problem.x());
-  while (report.iterations < options.max_iterations && cost > 0.0) {
+  while (report.iterations < options.max_iterations && cost > options.enough_cost) {
     problem.rechart();
     const std::vector<int> free = free_coordinates(problem);
     if (free.empty()) break;
-    const Round round = minimise(problem, free, options.max_iterations - report.iterations);
+    const Round round =
+        minimise(problem, free, options.max_iterations - report.iterations, options.enough_cost);
     report.iterations += round.iterations;
     if (!round.usable || !(round.cost < cost * (1.0 - 1e-12))) break;
     cost = round.cost;

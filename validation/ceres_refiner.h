@@ -10,6 +10,7 @@ namespace limber {
 
 struct RefineOptions {
   int max_iterations = 15;
+  double enough_cost = 0.0;  ///< J at which the answer is good enough; 0: go on to the minimum
   double stop_cost = 1e-10;  ///< J at stop tolerance: below it two costs count as equal
 };
 

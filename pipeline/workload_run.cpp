@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 
+#include "solver/ik_clip.h"
 #include "solver/lane_solver.h"
 #include "validation/ceres_refiner.h"
 
@@ -63,14 +64,21 @@ Result<void> Runner::lone_poses() {
 Result<void> Runner::motion(std::size_t first, std::size_t last) {
   Result<IkSolver> solver = IkSolver::create(work_.rig, options_);
   if (!solver) return solver.error();
-  pose_from_coordinates(work_.rig, work_.truth_q[first], pose_);
+  pose_from_coordinates(work_.rig, work_.truth_q[first], frame(first));
+  std::vector<EffectorTarget> targets;
+  for (std::size_t f = first; f < last; ++f) {
+    targets.insert(targets.end(), work_.targets[f].begin(), work_.targets[f].end());
+  }
+  const std::size_t joints = work_.rig.joints.size();
+  IkClipSolver clip(
+      *solver, work_.rig, targets,
+      std::span(run_.clip.parent_from_joint).subspan(first * joints, (last - first) * joints));
   for (std::size_t f = first; f < last; ++f) {
     const auto start = Clock::now();
-    const IkReport report = f == first ? solver->solve(work_.targets[f], pose_)
-                                       : solver->follow(work_.targets[f], pose_);
-    std::ranges::copy(pose_, frame(f).begin());
+    const IkReport report = clip.next();
     keep(f, microseconds(Clock::now() - start), report.relinearisations);
   }
+  if (std::getenv("MENDS")) std::fprintf(stderr, "mended %d jumps %d\n", clip.mended(), clip.jumps());
   return {};
 }
 

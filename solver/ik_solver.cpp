@@ -389,6 +389,17 @@ IkReport IkSolver::follow(std::span<const EffectorTarget> targets, std::span<Dua
   return report;
 }
 
+void IkSolver::resume(std::span<const DualQuaternion> before,
+                      std::span<const DualQuaternion> last) {
+  State& s = *state_;
+  s.tree.load(before, s.before);
+  s.tree.load(last, s.last);
+  s.answers = 2;
+  s.elimination.reset(s.last.x);
+  s.settled_damping = s.options.damping;
+  for (const std::int32_t joint : s.tree.outside) s.outside[joint] = last[joint];
+}
+
 double effector_cost(const Rig& rig, std::span<const EffectorTarget> targets,
                      std::span<const DualQuaternion> pose) {
   Pose world(pose.size());

@@ -81,6 +81,8 @@ class IkSolver {
   /// `parent_from_joint` holds is overwritten. Without a call before it starts from the rest pose.
   IkReport follow(std::span<const EffectorTarget> targets,
                   std::span<DualQuaternion> parent_from_joint);
+  /// Makes follow() go on as if these were the answers before; the same twice: from rest there.
+  void resume(std::span<const DualQuaternion> before, std::span<const DualQuaternion> last);
 
  private:
   struct State;

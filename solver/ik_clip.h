@@ -1,0 +1,47 @@
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "solver/ik_solver.h"
+
+namespace limber {
+
+/// Solves a clip frame by frame and mends what following it got into.
+///
+/// What the targets leave open (a swivel, a spine) depends on the frames before, and may lead into
+/// a corner of the limits from where the next target cannot be reached although the rig could. Such
+/// a frame is solved anew from elsewhere, and the frames before it are led over to that solution,
+/// each still on its targets, so that nothing jumps.
+class IkClipSolver {
+ public:
+  /// `targets`: [frame * effectors]. `poses`: [frame * joints], parent from joint; the first frame
+  /// holds the start, answers are written as they come. Both and the solver outlive this.
+  IkClipSolver(IkSolver& solver, const Rig&, std::span<const EffectorTarget> targets,
+               std::span<DualQuaternion> poses);
+
+  std::int64_t frames() const { return frames_; }
+  /// Solves the next frame. Earlier answers may change with it.
+  IkReport next();
+  /// How many frames were mended, and for how many of those no smooth way was found.
+  int mended() const { return mended_; }
+  int jumps() const { return jumps_; }
+
+ private:
+  std::span<const EffectorTarget> targets(std::int64_t frame) const;
+  std::span<DualQuaternion> pose(std::int64_t frame) const;
+  bool mend(std::int64_t frame, IkReport&);
+  bool lead_over(std::int64_t frame, std::int64_t count);
+
+  IkSolver& solver_;
+  std::int32_t joints_, effectors_;
+  std::int64_t frames_, next_ = 0, retry_ = 0;
+  std::span<const EffectorTarget> targets_;
+  std::span<DualQuaternion> poses_;
+  std::vector<DualQuaternion> elsewhere_;  ///< [joint] the frame's other solution
+  std::vector<DualQuaternion> way_;        ///< [frame * joint] to it, the last frame first
+  int mended_ = 0, jumps_ = 0;
+};
+
+}  // namespace limber

@@ -1,13 +1,19 @@
 // Leading over. At frame f following ended at pose a, short of its targets; another solution is b.
-// For the k-th of n frames before f the start is its own pose with the part w((n + 1 - k) / (n + 1))
-// of every joint's turn from a to b added, w(u) = u^2 (3 - 2 u), and the solver brings that start
-// back onto the frame's own targets, moving what they leave open as little as it can. w rests at
-// both ends, so the way costs accelerations of at most 6 / n^2 of the turn per frame^2: n follows
-// from the turn and kMostBend.
+// For the k-th of n frames before f the start is its own pose with the part w((n + 1 - k) / (n +
+// 1)) of every joint's turn from a to b added, w(u) = u^2 (3 - 2 u), and the solver brings that
+// start back onto the frame's own targets, moving what they leave open as little as it can. w rests
+// at both ends, so the way costs accelerations of at most 6 / n^2 of the turn per frame^2: n
+// follows from the turn and kMostBend.
+//
+// No way may be there: limits can cut what the targets leave open in two, and following took the
+// wrong side of the cut when it opened, some frames ago. So the other solution is followed
+// backwards and joined where it comes near.
 #include "solver/ik_clip.h"
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <utility>
 
 namespace limber {
 
@@ -15,7 +21,8 @@ namespace {
 
 constexpr double kMostBend = 3e-3;  // rad per frame^2, of the way to another solution
 constexpr int kLonger = 3;          // ways to try, each twice as long as the one before
-constexpr std::int64_t kShortest = 8, kLongest = 256;
+constexpr std::int64_t kShortest = 8, kLongest = 256, kFarthestBack = 1024;
+constexpr int kJoints = 6;              // places to join at, the nearest first
 constexpr std::int64_t kPatience = 30;  // frames before the next try where none was found
 
 double smooth(double u) { return u * u * (3.0 - 2.0 * u); }
@@ -41,16 +48,21 @@ double largest_turn(std::span<const DualQuaternion> a, std::span<const DualQuate
 }  // namespace
 
 IkClipSolver::IkClipSolver(IkSolver& solver, const Rig& rig,
-                           std::span<const EffectorTarget> targets,
-                           std::span<DualQuaternion> poses)
+                           std::span<const EffectorTarget> targets, std::span<DualQuaternion> poses)
     : solver_(solver),
       joints_(rig.size()),
       effectors_(static_cast<std::int32_t>(rig.effectors.size())),
       frames_(static_cast<std::int64_t>(poses.size()) / joints_),
       targets_(targets),
       poses_(poses),
-      elsewhere_(static_cast<std::size_t>(joints_)),
-      way_(static_cast<std::size_t>(std::min(frames_, kLongest) * joints_)) {}
+      way_(static_cast<std::size_t>(std::min(frames_, kLongest) * joints_)),
+      back_(static_cast<std::size_t>(std::min(frames_, kFarthestBack) * joints_)) {}
+
+std::span<DualQuaternion> IkClipSolver::row(std::vector<DualQuaternion>& poses, std::int64_t index,
+                                            std::int32_t joints) {
+  return std::span(poses).subspan(static_cast<std::size_t>(index * joints),
+                                  static_cast<std::size_t>(joints));
+}
 
 std::span<const EffectorTarget> IkClipSolver::targets(std::int64_t frame) const {
   return targets_.subspan(static_cast<std::size_t>(frame * effectors_),
@@ -73,45 +85,86 @@ IkReport IkClipSolver::next() {
 
 /// Looks for another solution of frame f and a way to it. False: there is none.
 bool IkClipSolver::mend(std::int64_t f, IkReport& report) {
-  std::ranges::copy(pose(f - 1), elsewhere_.begin());
-  const IkReport other = solver_.solve(targets(f), elsewhere_);
-  report.relinearisations += other.relinearisations;
-  report.tree_passes += other.tree_passes;
-  if (other.reached) {
+  const auto other = row(back_, 0, joints_);
+  std::ranges::copy(pose(f - 1), other.begin());
+  const IkReport solved = solver_.solve(targets(f), other);
+  report.relinearisations += solved.relinearisations;
+  report.tree_passes += solved.tree_passes;
+  if (solved.reached) {
     ++mended_;
-    const double turn = largest_turn(pose(f), elsewhere_);
-    std::int64_t n = std::clamp(static_cast<std::int64_t>(std::sqrt(6.0 * turn / kMostBend)),
-                                kShortest, kLongest);
-    bool smooth = false;
-    for (int i = 0; i < kLonger && !smooth && (i == 0 || n < std::min(f, kLongest)); ++i, n *= 2) {
-      smooth = lead_over(f, std::min({n, f - 1, kLongest}));
-    }
-    jumps_ += !smooth;
-    std::ranges::copy(elsewhere_, pose(f).begin());
+    jumps_ += !join(f, other) && !join_earlier(f);
+    std::ranges::copy(other, pose(f).begin());
     report.reached = true;
-    report.cost = other.cost;
+    report.cost = solved.cost;
   }
   solver_.resume(pose(f - 1), pose(f));
-  return other.reached;
+  return solved.reached;
 }
 
-/// Leads `count` frames before f over to elsewhere_. False: one of them lost its targets; nothing
-/// has changed.
-bool IkClipSolver::lead_over(std::int64_t f, std::int64_t count) {
+/// Leads the frames before f over to its other solution, as short as is smooth.
+bool IkClipSolver::join(std::int64_t f, std::span<const DualQuaternion> other) {
+  std::int64_t n = std::clamp(
+      static_cast<std::int64_t>(std::sqrt(6.0 * largest_turn(pose(f), other) / kMostBend)),
+      kShortest, kLongest);
+  for (int i = 0; i < kLonger; ++i, n *= 2) {
+    const std::int64_t count = std::min({n, f - 1, kLongest});
+    if (count < 1) return false;
+    if (lead_over(f, other, count)) return true;
+    if (count < n) return false;
+  }
+  return false;
+}
+
+/// Leads `count` frames before f over to `other`. False: one of them lost its targets; nothing has
+/// changed.
+bool IkClipSolver::lead_over(std::int64_t f, std::span<const DualQuaternion> other,
+                             std::int64_t count) {
   for (std::int64_t k = 1; k <= count; ++k) {
-    const auto way = std::span(way_).subspan(static_cast<std::size_t>((k - 1) * joints_),
-                                             static_cast<std::size_t>(joints_));
+    const auto way = row(way_, k - 1, joints_);
     const double w = smooth(double(count + 1 - k) / double(count + 1));
     for (std::int32_t i = 0; i < joints_; ++i) {
-      way[i] = moved(pose(f - k)[i], pose(f)[i], elsewhere_[i], w);
+      way[i] = moved(pose(f - k)[i], pose(f)[i], other[i], w);
     }
     solver_.resume(way, way);
     if (!solver_.follow(targets(f - k), way).reached) return false;
   }
   for (std::int64_t k = 1; k <= count; ++k) {
-    std::copy_n(way_.begin() + (k - 1) * joints_, joints_, pose(f - k).begin());
+    std::ranges::copy(row(way_, k - 1, joints_), pose(f - k).begin());
   }
   return true;
+}
+
+/// Follows the solution in back_[0] to earlier frames; how many it reached.
+std::int64_t IkClipSolver::follow_back(std::int64_t f) {
+  const std::int64_t most = std::min(f, kFarthestBack - 1);
+  solver_.resume(row(back_, 0, joints_), row(back_, 0, joints_));
+  for (std::int64_t k = 1; k <= most; ++k) {
+    if (!solver_.follow(targets(f - k), row(back_, k, joints_)).reached) return k - 1;
+  }
+  return most;
+}
+
+/// Joins at an earlier frame, where both solutions are near each other.
+bool IkClipSolver::join_earlier(std::int64_t f) {
+  const std::int64_t count = follow_back(f);
+  std::vector<std::pair<double, std::int64_t>> places;
+  double before = std::numeric_limits<double>::infinity();
+  for (std::int64_t k = 1; k <= count; ++k) {
+    const double apart = largest_turn(pose(f - k), row(back_, k, joints_));
+    const double after = k == count ? std::numeric_limits<double>::infinity()
+                                    : largest_turn(pose(f - k - 1), row(back_, k + 1, joints_));
+    if (apart <= before && apart <= after) places.emplace_back(apart, k);
+    before = apart;
+  }
+  std::ranges::sort(places);
+  if (places.size() > kJoints) places.resize(kJoints);
+  for (const auto& [apart, k] : places) {
+    if (!join(f - k, row(back_, k, joints_))) continue;
+    for (std::int64_t i = 1; i <= k; ++i)
+      std::ranges::copy(row(back_, i, joints_), pose(f - i).begin());
+    return true;
+  }
+  return false;
 }
 
 }  // namespace limber

@@ -32,15 +32,21 @@ class IkClipSolver {
   std::span<const EffectorTarget> targets(std::int64_t frame) const;
   std::span<DualQuaternion> pose(std::int64_t frame) const;
   bool mend(std::int64_t frame, IkReport&);
-  bool lead_over(std::int64_t frame, std::int64_t count);
+  bool join(std::int64_t frame, std::span<const DualQuaternion> other);
+  bool lead_over(std::int64_t frame, std::span<const DualQuaternion> other, std::int64_t count);
+  std::int64_t follow_back(std::int64_t frame);
+  bool join_earlier(std::int64_t frame);
+  static std::span<DualQuaternion> row(std::vector<DualQuaternion>&, std::int64_t index,
+                                       std::int32_t joints);
 
   IkSolver& solver_;
   std::int32_t joints_, effectors_;
   std::int64_t frames_, next_ = 0, retry_ = 0;
   std::span<const EffectorTarget> targets_;
   std::span<DualQuaternion> poses_;
-  std::vector<DualQuaternion> elsewhere_;  ///< [joint] the frame's other solution
-  std::vector<DualQuaternion> way_;        ///< [frame * joint] to it, the last frame first
+  std::vector<DualQuaternion> way_;  ///< [frame * joint] from one solution to another, backwards
+  std::vector<DualQuaternion>
+      back_;  ///< [frame * joint] the other solution, backwards; 0: the frame
   int mended_ = 0, jumps_ = 0;
 };
 

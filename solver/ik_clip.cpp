@@ -22,6 +22,9 @@ namespace {
 constexpr double kMostBend = 3e-3;  // rad per frame^2, of the way to another solution
 constexpr int kLonger = 3;          // ways to try, each twice as long as the one before
 constexpr std::int64_t kShortest = 8, kLongest = 256, kFarthestBack = 1024;
+constexpr double kStray = 0.06;  // rad: a frame that differs more from the start it was given jumped
+constexpr int kCalmFrames = 4;     // after a jump
+constexpr std::int64_t kLongestJump = 30;
 constexpr int kJoints = 6;              // places to join at, the nearest first
 constexpr std::int64_t kPatience = 30;  // frames before the next try where none was found
 
@@ -78,9 +81,29 @@ IkReport IkClipSolver::next() {
   const std::int64_t f = next_++;
   if (f == 0) return solver_.solve(targets(0), pose(0));
   IkReport report = solver_.follow(targets(f), pose(f));
+  watch(f, report);
   if (report.reached || f < retry_) return report;
   if (!mend(f, report)) retry_ = f + kPatience;
   return report;
+}
+
+/// Limits can leave less and less room until following has to hurry. Where that came to rest again,
+/// the frames before go there in time: backwards the room opens, and there is no hurry.
+void IkClipSolver::watch(std::int64_t f, const IkReport& report) {
+  if (jumped_ < 0) {
+    if (report.reached && report.strayed > kStray && f > 2) jumped_ = f;
+    calm_ = 0;
+    return;
+  }
+  calm_ = report.strayed < 0.5 * kStray ? calm_ + 1 : 0;
+  if (calm_ < kCalmFrames && f - jumped_ < kLongestJump) return;
+  if (report.reached) {
+    std::ranges::copy(pose(f), row(back_, 0, joints_).begin());
+    ++mended_;
+    jumps_ += !join_earlier(f, f - jumped_ + 1);
+    solver_.resume(pose(f - 1), pose(f));
+  }
+  jumped_ = -1;
 }
 
 /// Looks for another solution of frame f and a way to it. False: there is none.
@@ -92,7 +115,7 @@ bool IkClipSolver::mend(std::int64_t f, IkReport& report) {
   report.tree_passes += solved.tree_passes;
   if (solved.reached) {
     ++mended_;
-    jumps_ += !join(f, other) && !join_earlier(f);
+    jumps_ += !join(f, other) && !join_earlier(f, 1);
     std::ranges::copy(other, pose(f).begin());
     report.reached = true;
     report.cost = solved.cost;
@@ -144,8 +167,8 @@ std::int64_t IkClipSolver::follow_back(std::int64_t f) {
   return most;
 }
 
-/// Joins at an earlier frame, where both solutions are near each other.
-bool IkClipSolver::join_earlier(std::int64_t f) {
+/// Joins at least so many frames before f, where both solutions are near each other.
+bool IkClipSolver::join_earlier(std::int64_t f, std::int64_t least) {
   const std::int64_t count = follow_back(f);
   std::vector<std::pair<double, std::int64_t>> places;
   double before = std::numeric_limits<double>::infinity();
@@ -153,7 +176,7 @@ bool IkClipSolver::join_earlier(std::int64_t f) {
     const double apart = largest_turn(pose(f - k), row(back_, k, joints_));
     const double after = k == count ? std::numeric_limits<double>::infinity()
                                     : largest_turn(pose(f - k - 1), row(back_, k + 1, joints_));
-    if (apart <= before && apart <= after) places.emplace_back(apart, k);
+    if (k >= least && apart <= after && (apart <= before || k == least)) places.emplace_back(apart, k);
     before = apart;
   }
   std::ranges::sort(places);

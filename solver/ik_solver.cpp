@@ -66,7 +66,7 @@ struct IkSolver::State {
     for (const IkNode& node : tree.nodes) {
       if (node.ellipse) ellipses.push_back({node.coordinate, node.swing});
     }
-    gradient = diagonal = end = wish = anchor = step;
+    gradient = diagonal = end = wish = anchor = start = step;
     elimination.settle_slides_within(kSlide);
     settled_damping = options.damping;
     outside = skeleton_of(rig).rest_parent_from_joint;
@@ -102,7 +102,7 @@ struct IkSolver::State {
   std::vector<DualQuaternion> outside;  ///< [joint] where that is no node: as last given
   IkKinematics at_now, at_next;
   EffectorLoad load;
-  Eigen::VectorXd step, wish, anchor, gradient, diagonal, end;
+  Eigen::VectorXd step, wish, anchor, start, gradient, diagonal, end;
   std::optional<PaperIk> paper;  ///< pgs_paper: all of it
 };
 
@@ -378,7 +378,9 @@ IkReport IkSolver::follow(std::span<const EffectorTarget> targets, std::span<Dua
     s.tree.store(s.now, pose);
     return s.solve_paper(targets, pose);
   }
+  s.start = s.now.x;
   s.descend(report, true);
+  report.strayed = s.tree.limited.cwiseProduct(s.now.x - s.start).cwiseAbs().maxCoeff();
   s.remember();
   report.cost = s.at_now.cost;
   report.reached = s.reached(s.at_now);

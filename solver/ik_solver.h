@@ -59,6 +59,7 @@ struct IkReport {
   double residual = 0.0;   ///< |x - P(x - diag^-1 (Ax - b))|_inf of the last linear problem
   double cost = 0.0;       ///< sum (wp |dp|)^2 + (0.1 wr |dtheta|)^2
   bool converged = false;  ///< stopped by tolerance, step or cost, not by the iteration cap
+  double strayed = 0.0;    ///< follow: largest coordinate change (rad) from the start to the answer
   bool reached = false;    ///< every strong effector is within the stop tolerances
 };
 

@@ -22,8 +22,11 @@ namespace {
 constexpr double kMostBend = 3e-3;  // rad per frame^2, of the way to another solution
 constexpr int kLonger = 3;          // ways to try, each twice as long as the one before
 constexpr std::int64_t kShortest = 8, kLongest = 256, kFarthestBack = 1024;
-constexpr double kStray = 0.06;  // rad: a frame that differs more from the start it was given jumped
-constexpr int kCalmFrames = 4;     // after a jump
+constexpr int kStrewn = 12;            // starts in search of another solution,
+constexpr double kStrewnWidth = 0.35;  // rad on each axis of each joint
+constexpr double kStray =
+    0.06;                       // rad: a frame that differs more from the start it was given jumped
+constexpr int kCalmFrames = 4;  // after a jump
 constexpr std::int64_t kLongestJump = 30;
 constexpr int kJoints = 6;              // places to join at, the nearest first
 constexpr std::int64_t kPatience = 30;  // frames before the next try where none was found
@@ -38,6 +41,24 @@ DualQuaternion moved(const DualQuaternion& from, const DualQuaternion& a, const 
   return DualQuaternion::from_rotation_translation(
       (from.rotation() * turn).normalized(),
       from.translation() + w * (b.translation() - a.translation()));
+}
+
+/// Every joint turned by up to `width` rad about an axis of its own.
+void strew(double width, std::uint64_t seed, std::span<DualQuaternion> pose) {
+  seed *= 0x9e3779b97f4a7c15ULL;
+  const auto uniform = [&seed] {  // splitmix64
+    seed += 0x9e3779b97f4a7c15ULL;
+    std::uint64_t z = seed;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
+    return static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-52 - 1.0;
+  };
+  for (DualQuaternion& joint : pose) {
+    const Eigen::Vector3d v = width * Eigen::Vector3d(uniform(), uniform(), uniform());
+    const Eigen::Quaterniond turn(Eigen::AngleAxisd(v.norm(), v.normalized()));
+    joint = DualQuaternion::from_rotation_translation((joint.rotation() * turn).normalized(),
+                                                      joint.translation());
+  }
 }
 
 double largest_turn(std::span<const DualQuaternion> a, std::span<const DualQuaternion> b) {
@@ -58,6 +79,7 @@ IkClipSolver::IkClipSolver(IkSolver& solver, const Rig& rig,
       frames_(static_cast<std::int64_t>(poses.size()) / joints_),
       targets_(targets),
       poses_(poses),
+      elsewhere_(static_cast<std::size_t>((kStrewn + 1) * joints_)),
       way_(static_cast<std::size_t>(std::min(frames_, kLongest) * joints_)),
       back_(static_cast<std::size_t>(std::min(frames_, kFarthestBack) * joints_)) {}
 
@@ -106,22 +128,46 @@ void IkClipSolver::watch(std::int64_t f, const IkReport& report) {
   jumped_ = -1;
 }
 
-/// Looks for another solution of frame f and a way to it. False: there is none.
+/// Solutions of frame f away from the one that following found: unwound (IkOptions::unwind), and
+/// from starts strewn about the frame before, always the same ones. The nearest first.
+void IkClipSolver::look_elsewhere(std::int64_t f, IkReport& report) {
+  others_.clear();
+  for (int i = 0; i <= kStrewn; ++i) {
+    const auto other = row(elsewhere_, i, joints_);
+    std::ranges::copy(pose(f - 1), other.begin());
+    IkReport tried;
+    if (i == 0) {
+      tried = solver_.solve(targets(f), other);
+    } else {
+      strew(kStrewnWidth, static_cast<std::uint64_t>(i), other);
+      solver_.resume(other, other);
+      tried = solver_.follow(targets(f), other);
+    }
+    report.relinearisations += tried.relinearisations;
+    report.tree_passes += tried.tree_passes;
+    if (tried.reached) others_.emplace_back(largest_turn(pose(f), other), i);
+  }
+  std::ranges::sort(others_);
+}
+
+/// Finds another solution of frame f and a way to it. False: there is none.
 bool IkClipSolver::mend(std::int64_t f, IkReport& report) {
+  look_elsewhere(f, report);
   const auto other = row(back_, 0, joints_);
-  std::ranges::copy(pose(f - 1), other.begin());
-  const IkReport solved = solver_.solve(targets(f), other);
-  report.relinearisations += solved.relinearisations;
-  report.tree_passes += solved.tree_passes;
-  if (solved.reached) {
+  bool joined = false;
+  for (std::size_t i = 0; i < others_.size() && !joined; ++i) {
+    std::ranges::copy(row(elsewhere_, others_[i].second, joints_), other.begin());
+    joined = join(f, other) || join_earlier(f, 1);
+  }
+  report.reached = !others_.empty();
+  if (report.reached) {
     ++mended_;
-    jumps_ += !join(f, other) && !join_earlier(f, 1);
-    std::ranges::copy(other, pose(f).begin());
-    report.reached = true;
-    report.cost = solved.cost;
+    jumps_ += !joined;
+    const auto nearest = row(elsewhere_, others_.front().second, joints_);
+    std::ranges::copy(joined ? other : nearest, pose(f).begin());
   }
   solver_.resume(pose(f - 1), pose(f));
-  return solved.reached;
+  return report.reached;
 }
 
 /// Leads the frames before f over to its other solution, as short as is smooth.
@@ -176,7 +222,8 @@ bool IkClipSolver::join_earlier(std::int64_t f, std::int64_t least) {
     const double apart = largest_turn(pose(f - k), row(back_, k, joints_));
     const double after = k == count ? std::numeric_limits<double>::infinity()
                                     : largest_turn(pose(f - k - 1), row(back_, k + 1, joints_));
-    if (k >= least && apart <= after && (apart <= before || k == least)) places.emplace_back(apart, k);
+    if (k >= least && apart <= after && (apart <= before || k == least))
+      places.emplace_back(apart, k);
     before = apart;
   }
   std::ranges::sort(places);

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "solver/ik_solver.h"
@@ -32,6 +33,7 @@ class IkClipSolver {
   std::span<const EffectorTarget> targets(std::int64_t frame) const;
   std::span<DualQuaternion> pose(std::int64_t frame) const;
   void watch(std::int64_t frame, const IkReport&);
+  void look_elsewhere(std::int64_t frame, IkReport&);
   bool mend(std::int64_t frame, IkReport&);
   bool join(std::int64_t frame, std::span<const DualQuaternion> other);
   bool lead_over(std::int64_t frame, std::span<const DualQuaternion> other, std::int64_t count);
@@ -45,6 +47,8 @@ class IkClipSolver {
   std::int64_t frames_, next_ = 0, retry_ = 0, jumped_ = -1;
   std::span<const EffectorTarget> targets_;
   std::span<DualQuaternion> poses_;
+  std::vector<DualQuaternion> elsewhere_;       ///< [try * joint]
+  std::vector<std::pair<double, int>> others_;  ///< turn from the frame's answer (rad), try
   std::vector<DualQuaternion> way_;  ///< [frame * joint] from one solution to another, backwards
   std::vector<DualQuaternion>
       back_;  ///< [frame * joint] the other solution, backwards; 0: the frame

@@ -11,6 +11,10 @@
 // plain projected Gauss-Seidel sweeps would converge to, here reached through the tree
 // (tree_elimination.cpp).
 //
+// Rows that join branches (rows.cpp) enter the linear problem (row_solver.cpp). Soft ones belong to
+// f. Hard ones join what must fall as nu times their violation, an exact penalty: nu exceeds their
+// multipliers, so that its minimum obeys them wherever they can be obeyed.
+//
 // pgs_paper is Kenwright 2013 as its text gives it: fixed damping (eq. 30), a few sweeps per
 // relinearisation, its stopping rules (section VII.B): a cap, small errors, a small step, a step
 // that stays the same. It has no control of the step, so the best pose met on the way is kept.
@@ -21,6 +25,9 @@
 
 #include "solver/jacobian.h"
 #include "solver/pgs.h"
+#include "solver/row_solver.h"
+#include "solver/rows.h"
+#include "solver/speed_limits.h"
 #include "solver/tree_elimination.h"
 
 namespace limber {
@@ -32,6 +39,8 @@ constexpr double kShrink = 0.1;  // of the damping, at best, per relinearisation
 constexpr double kEase = 5e-4;   // of the way to the middle of its range, per relinearisation
 constexpr int kUnwinds = 3;      // a third, two thirds, all of the way to the middle
 constexpr double kWoundCost = 0.05 * 0.05;  // m^2; a worse miss is a target out of reach
+constexpr double kMostPush = 1e4;           // of a hard row, per root of the cost
+constexpr double kPenalty = 1.5;            // of the largest multiplier
 constexpr double kStalling = 0.7;  // a relative fall below this asks for the errors' curvature
 
 }  // namespace
@@ -40,7 +49,7 @@ struct IkSolver::State {
   State(const Rig& source, const IkOptions& chosen)
       : rig(source),
         options(chosen),
-        tree(source),
+        tree(source, chosen.collision),
         elimination(tree),
         goals(tree.effectors.size()),
         now(tree.make_state()),
@@ -50,7 +59,13 @@ struct IkSolver::State {
         at_now(tree.make_kinematics()),
         at_next(at_now),
         load(tree.nodes.size()),
+        rows(source, tree, chosen),
+        rows_now(rows.make_place()),
+        rows_next(rows_now),
+        row_solver(tree, rows.none() ? 0 : rows.capacity()),
+        speed(source, tree, chosen.dt),
         step(Eigen::VectorXd::Zero(tree.coordinate_count())) {
+    rows_next.rows.reserve(rows_now.rows.capacity());
     for (const IkNode& node : tree.nodes) {
       if (node.ellipse) ellipses.push_back({node.coordinate, node.swing});
     }
@@ -62,17 +77,27 @@ struct IkSolver::State {
   }
 
   bool reached(const IkKinematics&) const;
-  bool done(const IkKinematics& k) const {
-    return k.cost <= options.stop_cost || (options.stop_at_tolerance && reached(k));
+  bool done(const IkKinematics& k, const RowPlace& place) const {
+    if (place.worst > 1.0) return false;
+    return k.cost <= options.stop_cost ||
+           (options.stop_at_tolerance && place.reached && reached(k));
   }
+  void evaluate(const IkState&, IkKinematics&, RowPlace&);
   void linearise(bool curved = false);
   double measure_residual(double damping);
   double predicted_fall(double damping) const;
   EliminationStats solve_linear(double damping, IkReport&);
+  EliminationStats solve_rows(double damping, IkReport&);
+  double predicted_row_fall() const;
+  double merit(const IkKinematics& k, const RowPlace& place) const {
+    return k.cost + 2.0 * penalty * place.violation;
+  }
+  void carry_multipliers();
   void descend(IkReport&);
   void descend_paper(IkReport&);
   void restart(int attempt);
   void solve_with_restarts(IkReport&);
+  void solve_levels(std::span<const EffectorTarget>, IkReport&);
 
   Rig rig;
   IkOptions options;
@@ -83,6 +108,11 @@ struct IkSolver::State {
   IkState now, next, best, wound;
   IkKinematics at_now, at_next;
   EffectorLoad load;
+  IkRows rows;
+  RowPlace rows_now, rows_next;
+  RowSolver row_solver;
+  SpeedLimits speed;
+  double penalty = 0.0;
   Eigen::VectorXd step, wish, gradient, diagonal, end;
   Eigen::MatrixXd a;
   Eigen::VectorXd b;
@@ -99,8 +129,16 @@ bool IkSolver::State::reached(const IkKinematics& k) const {
   return true;
 }
 
+void IkSolver::State::evaluate(const IkState& state, IkKinematics& k, RowPlace& place) {
+  tree.evaluate(state, goals, k);
+  if (rows.none()) return;
+  rows.build(state, k, place);
+  k.cost += place.cost;
+}
+
 void IkSolver::State::linearise(bool curved) {
   tree.linearise(now, at_now);
+  if (!rows.none()) rows.anchor(at_now, rows_now);
   effector_load(tree, goals, at_now, load, curved);
 }
 
@@ -111,6 +149,7 @@ double IkSolver::State::measure_residual(double damping) {
   const auto twist = elimination.node_twist();
   for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
     load.pull[n] = load.inertia[n] * twist[n] - load.pull[n];
+    if (!rows.none()) load.pull[n] -= row_solver.push().wrench[n];
   }
   for (std::size_t n = tree.nodes.size(); n-- > 0;) {
     const IkNode& node = tree.nodes[n];
@@ -119,6 +158,7 @@ double IkSolver::State::measure_residual(double damping) {
       const Vector6& axis = at_now.axis[k];
       const double armature = damping * tree.damping[k];
       gradient[k] = axis.dot(load.pull[n]) + armature * (step[k] - wish[k]);
+      if (!rows.none()) gradient[k] -= row_solver.push().force[k];
       diagonal[k] = axis.dot(load.inertia[n] * axis) + armature;
       if (!curved) continue;
       const Vector6 turned = 0.5 * turn_of_pull(axis, load.outer_pull[n]);
@@ -149,14 +189,59 @@ double IkSolver::State::measure_residual(double damping) {
 /// What the model of the last step says the cost will fall by.
 double IkSolver::State::predicted_fall(double damping) const {
   const auto twist = elimination.node_twist();
-  if (!load.curved) return at_now.cost - predicted_cost(tree, goals, at_now, twist);
+  if (!load.curved) {
+    return at_now.cost - rows_now.cost - predicted_cost(tree, goals, at_now, twist) +
+           predicted_row_fall();
+  }
   double fall = damping * step.cwiseProduct(step - wish).dot(tree.damping);
   for (std::size_t n = 0; n < tree.nodes.size(); ++n) fall += load.pull[n].dot(twist[n]);
+  for (const Row& row : rows_now.rows) fall -= row.lambda * row.rate(twist, step);
+  return fall + predicted_row_fall();
+}
+
+/// The part of the rows, soft and hard, in what the merit will fall by.
+double IkSolver::State::predicted_row_fall() const {
+  double fall = 0.0;
+  for (const Row& row : rows_now.rows) {
+    const double before = row.value, after = before + row.rate(elimination.node_twist(), step);
+    fall += row.hard() ? 2.0 * penalty * (row.violation(before) - row.violation(after))
+                       : (before * before - after * after) / row.compliance;
+  }
   return fall;
+}
+
+/// Rows that were there before the last step start from the multipliers they had.
+void IkSolver::State::carry_multipliers() {
+  auto old = rows_now.rows.begin();
+  for (Row& row : rows_next.rows) {
+    while (old != rows_now.rows.end() && old->id < row.id) ++old;
+    if (old != rows_now.rows.end() && old->id == row.id) row.lambda = old->lambda;
+  }
+}
+
+EliminationStats IkSolver::State::solve_rows(double damping, IkReport& report) {
+  const double most = kMostPush * (1.0 + std::sqrt(at_now.cost));
+  const RowStats stats =
+      row_solver.solve(elimination, now.x, damping, wish, rows_now.rows, most, step);
+  report.sweeps += stats.sweeps;
+  report.active_rows = stats.active;
+  for (const Row& row : rows_now.rows) {
+    if (row.hard()) penalty = std::max(penalty, kPenalty * std::abs(row.lambda));
+  }
+  return stats.tree;
 }
 
 /// One linear problem, solved; the curved one where it has a minimum.
 EliminationStats IkSolver::State::solve_linear(double damping, IkReport& report) {
+  if (!rows.none()) {
+    EliminationStats stats = solve_rows(damping, report);
+    report.tree_passes += stats.passes;
+    if (stats.definite) return stats;
+    effector_load(tree, goals, at_now, load, false);
+    stats = solve_rows(damping, report);
+    report.tree_passes += stats.passes;
+    return stats;
+  }
   EliminationStats stats = elimination.solve(now.x, damping, wish, step);
   report.tree_passes += stats.passes;
   if (stats.definite) return stats;
@@ -167,8 +252,9 @@ EliminationStats IkSolver::State::solve_linear(double damping, IkReport& report)
 }
 
 void IkSolver::State::descend(IkReport& report) {
-  tree.evaluate(now, goals, at_now);
-  report.converged = done(at_now);
+  evaluate(now, at_now, rows_now);
+  penalty = 0.0;
+  report.converged = done(at_now, rows_now);
   if (report.converged || tree.nodes.empty()) return;
   elimination.reset(now.x);
   double damping = options.damping, growth = 2.0;
@@ -184,8 +270,9 @@ void IkSolver::State::descend(IkReport& report) {
       tried = damping;
       const EliminationStats stats = solve_linear(damping, report);
       tree.move(now, step, next);
-      tree.evaluate(next, goals, at_next);
-      const double predicted = predicted_fall(damping), fall = at_now.cost - at_next.cost;
+      evaluate(next, at_next, rows_next);
+      const double predicted = predicted_fall(damping);
+      const double fall = merit(at_now, rows_now) - merit(at_next, rows_next);
       const bool negligible = step.cwiseAbs().maxCoeff() < options.stop_step;
       fell = fall >= 0.0;
       if (fell) {
@@ -193,9 +280,10 @@ void IkSolver::State::descend(IkReport& report) {
         const double cube = std::pow(2.0 * agreement - 1.0, 3);
         damping = std::max(kLeastDamping, damping * std::max(kShrink, 1.0 - cube));
         growth = 2.0;
-        const bool level = fall < options.stop_cost_decrease * at_now.cost;
-        report.converged =
-            done(at_next) || ((negligible || level) && stats.settled && agreement > 0.25);
+        const bool level =
+            fall < options.stop_cost_decrease * at_now.cost && rows_next.worst <= 1.0;
+        report.converged = done(at_next, rows_next) ||
+                           ((negligible || level) && stats.settled && agreement > 0.25);
         // Errors that stay large have curvature that counts.
         curved = fall < kStalling * at_now.cost;
       } else {
@@ -208,6 +296,8 @@ void IkSolver::State::descend(IkReport& report) {
       report.residual = measure_residual(tried);
     }
     if (!fell) break;
+    carry_multipliers();
+    std::swap(rows_now, rows_next);
     std::swap(now, next);
     std::swap(at_now, at_next);
   }
@@ -217,7 +307,7 @@ void IkSolver::State::descend_paper(IkReport& report) {
   tree.evaluate(now, goals, at_now);
   best = now;
   double best_cost = at_now.cost;
-  report.converged = done(at_now);
+  report.converged = done(at_now, rows_now);
   step.setZero();
   double last_change = -1.0;
   while (!report.converged && report.relinearisations < options.max_relinearisations) {
@@ -247,7 +337,7 @@ void IkSolver::State::descend_paper(IkReport& report) {
     const double change = step.size() > 0 ? step.cwiseAbs().maxCoeff() : 0.0;
     const bool same = std::abs(change - last_change) < options.stop_step;
     last_change = change;
-    report.converged = done(at_now) || change < options.stop_step || same;
+    report.converged = done(at_now, rows_now) || change < options.stop_step || same;
   }
   std::swap(now, best);
   tree.evaluate(now, goals, at_now);
@@ -278,7 +368,7 @@ void IkSolver::State::solve_with_restarts(IkReport& report) {
   descend(report);
   const int unwinds = options.unwind && at_now.cost < kWoundCost ? kUnwinds : 0;
   const int attempts = unwinds + options.restarts;
-  if (attempts == 0 || reached(at_now)) return;
+  if (attempts == 0 || (reached(at_now) && rows_now.reached && rows_now.worst <= 1.0)) return;
   wound = best = now;
   double best_cost = at_now.cost;
   IkReport kept = report;
@@ -295,7 +385,7 @@ void IkSolver::State::solve_with_restarts(IkReport& report) {
     descend(tried);
     report.relinearisations += tried.relinearisations;
     report.tree_passes += tried.tree_passes;
-    const bool there = reached(at_now);
+    const bool there = reached(at_now) && rows_now.reached && rows_now.worst <= 1.0;
     if (there || (!unwinding && at_now.cost < best_cost)) {
       best = now;
       best_cost = at_now.cost;
@@ -306,7 +396,28 @@ void IkSolver::State::solve_with_restarts(IkReport& report) {
   report.residual = kept.residual;
   report.converged = kept.converged;
   std::swap(now, best);
-  tree.evaluate(now, goals, at_now);
+  evaluate(now, at_now, rows_now);
+}
+
+/// One level of priority after the other, each in the null space of those before.
+void IkSolver::State::solve_levels(std::span<const EffectorTarget> targets, IkReport& report) {
+  for (const std::int32_t level : rows.levels()) {
+    rows.aim(targets, level, at_now, goals);
+    IkReport one;
+    solve_with_restarts(one);
+    report.relinearisations += one.relinearisations;
+    report.tree_passes += one.tree_passes;
+    report.sweeps += one.sweeps;
+    report.active_rows = one.active_rows;
+    report.residual = std::max(report.residual, one.residual);
+    report.converged = (level == rows.levels().front() || report.converged) && one.converged;
+  }
+  report.row_violation = 0.0;
+  for (const Row& row : rows_now.rows) {
+    if (row.hard()) report.row_violation = std::max(report.row_violation, row.violation(row.value));
+  }
+  rows.aim_at_all(targets, goals);
+  evaluate(now, at_now, rows_now);
 }
 
 IkSolver::IkSolver(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -317,26 +428,50 @@ IkSolver::~IkSolver() = default;
 Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
   if (Result<void> valid = validate(rig); !valid) return valid.error();
   if (!(options.damping > 0.0) || options.max_relinearisations < 1 || options.sweeps < 1 ||
-      !(options.stop_step >= 0.0) || options.restarts < 0) {
+      !(options.stop_step >= 0.0) || options.restarts < 0 || !(options.dt >= 0.0)) {
     return Error{.code = "solver-options",
                  .message = "damping must be positive; relinearisations and sweeps at least one",
                  .hint = "leave the option out to get its default"};
+  }
+  const bool rowed = std::any_of(rig.effectors.begin(), rig.effectors.end(), [](const auto& e) {
+    return e.relative_to != kNoJoint || e.priority != 0;
+  });
+  if (options.method == IkMethod::pgs_paper &&
+      (rowed || !rig.couplings.empty() || options.collision || options.dt > 0.0)) {
+    return Error{.code = "solver-options",
+                 .message =
+                     "pgs-paper has no rows that join branches: no relative effectors, "
+                     "priorities, couplings, collision or speeds",
+                 .hint = "use pgs for this rig"};
   }
   return IkSolver(std::make_unique<State>(rig, options));
 }
 
 IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<DualQuaternion> pose) {
+  return solve(targets, pose, pose);
+}
+
+IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<DualQuaternion> pose,
+                         std::span<const DualQuaternion> previous) {
   State& s = *state_;
   IkReport report;
   s.tree.resolve(targets, s.goals);
+  if (s.speed.any()) {
+    s.tree.load(previous, s.next);
+    s.rows.set_previous(s.next);
+  }
   s.tree.load(pose, s.now);
+  s.speed.narrow(s.next, s.tree, s.now);
   if (s.options.method == IkMethod::pgs_paper) {
     s.descend_paper(report);
-  } else {
+  } else if (s.rows.none()) {
     s.solve_with_restarts(report);
+  } else {
+    s.solve_levels(targets, report);
   }
+  s.speed.widen(s.tree);
   report.cost = s.at_now.cost;
-  report.reached = s.reached(s.at_now);
+  report.reached = s.rows_now.reached && s.reached(s.at_now);
   if (report.relinearisations == 0) {
     project_into_limits(s.rig, pose);  // what is inside stays bit for bit
   } else {
@@ -356,7 +491,10 @@ double effector_cost(const Rig& rig, std::span<const EffectorTarget> targets,
   double cost = 0.0;
   for (std::size_t e = 0; e < rig.effectors.size(); ++e) {
     const IkEffector effector = make_effector(rig.effectors[e], -1, DualQuaternion::identity());
-    const IkGoal goal = make_goal(effector, targets[e]);
+    EffectorTarget target = targets[e];
+    const std::int32_t base = rig.effectors[e].relative_to;
+    if (base != kNoJoint) target.pose = world[base] * target.pose;
+    const IkGoal goal = make_goal(effector, target);
     const DualQuaternion& joint = world[rig.effectors[e].joint];
     IkError error;
     measure_error(effector, goal, joint.rotation(), joint.transform_point(effector.offset), error);

@@ -11,7 +11,8 @@
 
 namespace limber {
 
-/// What one effector is pulled to, in world space. `weight` scales the effector's own weights for
+/// What one effector is pulled to, in world space, or in that of the joint the effector is relative
+/// to. `weight` scales the effector's own weights for
 /// this frame (0: absent). For a line, `pose` carries the effector's offset and axis.
 struct EffectorTarget {
   DualQuaternion pose;
@@ -43,6 +44,10 @@ struct IkOptions {
   /// pgs: other starts to try, always the same ones, where the first ends out of tolerance. For
   /// poses that stand alone; in a clip they would pop.
   int restarts = 0;
+  /// pgs: keep the rig's capsules apart (see collision_pairs), within 1e-5 m where it can be done.
+  bool collision = false;
+  /// s between frames: what joints' max_speed needs. 0: speeds are not limited.
+  double dt = 0.0;
 };
 
 struct IkReport {
@@ -53,11 +58,16 @@ struct IkReport {
   double cost = 0.0;       ///< sum (wp |dp|)^2 + (0.1 wr |dtheta|)^2
   bool converged = false;  ///< stopped by tolerance, step or cost, not by the iteration cap
   bool reached = false;    ///< every strong effector is within the stop tolerances
+  /// Couplings, capsules, speeds and priorities: by how much (m, rad) the worst one is missed.
+  double row_violation = 0.0;
+  int active_rows = 0;  ///< contacts and speeds that press
 };
 
 /// Joint-limited inverse kinematics for one rig. Not thread-safe; one instance per thread.
 class IkSolver {
  public:
+  /// Errors: `rig-invalid`; `solver-options`, also for pgs_paper with what it has no rows for:
+  /// relative effectors, priorities, couplings, collision, speeds.
   static Result<IkSolver> create(const Rig&, const IkOptions& = {});
   IkSolver(IkSolver&&) noexcept;
   IkSolver& operator=(IkSolver&&) noexcept;
@@ -68,6 +78,11 @@ class IkSolver {
   /// found. Allocates nothing.
   IkReport solve(std::span<const EffectorTarget> targets,
                  std::span<DualQuaternion> parent_from_joint);
+  /// The same; `previous` is the pose of the frame before, from which speeds count (without it they
+  /// count from the start).
+  IkReport solve(std::span<const EffectorTarget> targets,
+                 std::span<DualQuaternion> parent_from_joint,
+                 std::span<const DualQuaternion> previous);
 
  private:
   struct State;

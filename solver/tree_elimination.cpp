@@ -22,6 +22,10 @@
 // turn of the outer pull by S. It couples d with v alone: U = I S - k / 2 everywhere above. Pivots
 // may then lose their sign; `definite` tells, and the caller goes back to Gauss-Newton.
 //
+// Rows (row_solver.cpp) push with J'lambda, one more term of p and u. The elimination is H = L D L'
+// with the coordinates as columns of L; its tip-to-root pass applied to a row's J alone is the
+// forward substitution L^-1 J', which touches only the paths from the row's nodes to the roots.
+//
 // A swing on its ellipse turns its two coordinates into tangent and normal: the normal one is held
 // so that the swing ends on the tangent line, the tangent one is free. The border curves away from
 // that line by kappa (tau - tau_p)^2 / 2, tau_p where it touches, against which the objective
@@ -47,6 +51,7 @@ constexpr double kWall = 1e-9;    // rad: a side of the ellipse that has no widt
 
 TreeElimination::TreeElimination(const IkTree& tree)
     : tree_(tree),
+      felt_(tree.nodes.size()),
       lock_(tree.coordinate_count(), Lock::none),
       swing_(tree.nodes.size()),
       pivot_(tree.coordinate_count()),
@@ -104,7 +109,7 @@ void TreeElimination::prepare_pivots(std::int32_t n, const Eigen::VectorXd& x, d
     pivot.axis = kinematics_->axis[k];
     pivot.locked = lock_[k] != Lock::none;
     pivot.diagonal = damping * tree_.damping[k];
-    pivot.pull = pivot.diagonal * wish_[k];
+    pivot.pull = pivot.diagonal * wish_[k] + (push_ != nullptr ? push_->force[k] : 0.0);
     pivot.held = !pivot.locked           ? 0.0
                  : lock_[k] == Lock::max ? tree_.max[k] - x[k]
                                          : tree_.min[k] - x[k];
@@ -140,6 +145,7 @@ void TreeElimination::eliminate(std::int32_t n, const Eigen::VectorXd& x, double
   Outside& out = outside_[n];
   out.inertia = load_->inertia[n];
   out.bias = -load_->pull[n];
+  if (push_ != nullptr) out.bias -= push_->wrench[n];
   for (std::int32_t c = tree_.children_begin[n]; c < tree_.children_begin[n + 1]; ++c) {
     out.inertia += outside_[tree_.children[c]].inertia;
     out.bias += outside_[tree_.children[c]].bias;
@@ -187,6 +193,41 @@ void TreeElimination::substitute(Eigen::VectorXd& step) {
     const double along = step[node.coordinate], out = step[node.coordinate + 1];
     step[node.coordinate] = out * normal.x() - along * normal.y();
     step[node.coordinate + 1] = out * normal.y() + along * normal.x();
+  }
+}
+
+void TreeElimination::respond(const Row& row, Eigen::Ref<Eigen::VectorXd> half) {
+  half.setZero();
+  std::int32_t n = std::max(row.node_a, row.node_b);
+  for (const Row::Term& term : row.terms) n = std::max(n, term.node);
+  for (std::int32_t m = 0; m <= n; ++m) felt_[m].setZero();
+  if (row.node_a >= 0) felt_[row.node_a] += row.wrench;
+  if (row.node_b >= 0) felt_[row.node_b] -= row.wrench;
+  for (; n >= 0; --n) {
+    const IkNode& node = tree_.nodes[n];
+    std::array<double, 6> force{};
+    bool driven = !felt_[n].isZero(0.0);
+    for (const Row::Term& term : row.terms) {
+      if (term.node != n) continue;
+      force[term.coordinate - node.coordinate] += term.coefficient;
+      driven = true;
+    }
+    if (!driven) continue;
+    if (swing_[n].active && !swing_[n].corner) {
+      const Eigen::Vector2d& normal = swing_[n].normal;
+      const double force0 = force[0], force1 = force[1];
+      force[0] = normal.x() * force1 - normal.y() * force0;
+      force[1] = normal.x() * force0 + normal.y() * force1;
+    }
+    Vector6& felt = felt_[n];
+    for (std::int32_t k = node.coordinate + node.coordinates - 1; k >= node.coordinate; --k) {
+      const Pivot& pivot = pivot_[k];
+      if (pivot.locked || pivot.inverse == 0.0) continue;
+      const double drive = force[k - node.coordinate] + pivot.axis.dot(felt);
+      half[k] = drive * std::sqrt(pivot.inverse);
+      felt -= (drive * pivot.inverse) * pivot.momentum;
+    }
+    if (node.parent >= 0) felt_[node.parent] += felt;
   }
 }
 

@@ -7,6 +7,7 @@
 
 #include "solver/ik_tree.h"
 #include "solver/jacobian.h"
+#include "solver/row.h"
 
 namespace limber {
 
@@ -29,6 +30,12 @@ class TreeElimination {
   /// `step`: the solution. The active set is the start for the next call.
   EliminationStats solve(const Eigen::VectorXd& x, double damping, const Eigen::VectorXd& wish,
                          Eigen::VectorXd& step);
+  /// What rows push with joins the pull in every solve from now on; null: nothing. Not copied.
+  void set_push(const RowPush* push) { push_ = push; }
+  /// Half of the response to a row's J at the active set of the last solve: with H = L D L' the
+  /// elimination's factors over the free coordinates, half = D^-1/2 L^-1 J' (0 where held), so that
+  /// J_i H^-1 J_j' = half_i . half_j. Costs the tip-to-root pass along the row's own paths.
+  void respond(const Row&, Eigen::Ref<Eigen::VectorXd> half);
   /// Twists of the nodes under the last step.
   std::span<const Vector6> node_twist() const { return twist_; }
 
@@ -69,6 +76,8 @@ class TreeElimination {
   const IkKinematics* kinematics_ = nullptr;
   const EffectorLoad* load_ = nullptr;
   const double* wish_ = nullptr;
+  const RowPush* push_ = nullptr;
+  std::vector<Vector6> felt_;        ///< [node] scratch of respond
   std::vector<Lock> lock_;           ///< [coordinate]
   std::vector<SwingLock> swing_;     ///< [node]
   std::vector<Pivot> pivot_;         ///< [coordinate]

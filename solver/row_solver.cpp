@@ -34,7 +34,9 @@ constexpr int kMaxCuts = 24;
 constexpr double kSettled = 1e-10;  // m, rad: slack that counts as none
 constexpr double kFirm = 1e-11;     // of G's diagonal, added to hard rows
 constexpr double kOvershoot = 0.9;  // of the slope at a step's start, at its end
-constexpr int kSweeps = 3;          // between two subspace minimisations
+constexpr double kStuck = 1e-3;     // of the largest of G's diagonal, for rows that limits hold
+constexpr double kFirstCaution = 1e-3, kLeastCaution = 1e-6, kAlarm = 4.0, kCalm = 0.25;
+constexpr int kSweeps = 3;  // between two subspace minimisations
 constexpr int kMaxDualRounds = 40;
 
 }  // namespace
@@ -140,7 +142,8 @@ void RowSolver::choose(std::span<const Row> rows) {
 }
 
 /// The quadratic problem of the chosen rows.
-void RowSolver::couple(TreeElimination& elimination, std::span<const Row> rows, double most) {
+void RowSolver::couple(TreeElimination& elimination, std::span<const Row> rows, double most,
+                       double caution) {
   const auto n = static_cast<Eigen::Index>(chosen_.size());
   double largest = 0.0;
   for (Eigen::Index a = 0; a < n; ++a) {
@@ -160,9 +163,9 @@ void RowSolver::couple(TreeElimination& elimination, std::span<const Row> rows, 
     }
     high_[a] = std::max(most - row.lambda, 0.0);
     low_[a] = std::min((row.one_sided ? 0.0 : -most) - row.lambda, 0.0);
+    g_(a, a) += kFirm * g_(a, a) + caution * (largest > 0.0 ? largest : 1.0);
     // Where limits hold all that could move, pushing still tells which of them give way.
-    const double floor = largest > 0.0 ? 1e-6 * largest : 1.0;
-    g_(a, a) = g_(a, a) > 1e-12 * largest ? (1.0 + kFirm) * g_(a, a) : floor;
+    if (!(g_(a, a) > 1e-12 * largest)) g_(a, a) = largest > 0.0 ? kStuck * largest : 1.0;
   }
 }
 
@@ -172,6 +175,7 @@ RowStats RowSolver::solve(TreeElimination& elimination, const Eigen::VectorXd& x
   RowStats stats;
   const auto count = static_cast<Eigen::Index>(rows.size());
   double start_slope = 0.0;  // along way_, where the step began; < 0 descends
+  double caution = 0.0;
   int cuts = 0;
   elimination.set_push(&push_);
   while (true) {
@@ -191,11 +195,14 @@ RowStats RowSolver::solve(TreeElimination& elimination, const Eigen::VectorXd& x
       for (Eigen::Index i = 0; i < count; ++i) rows[i].lambda -= (1.0 - part) * way_[i];
       way_.head(count) *= part;
       start_slope *= part;
+      caution = std::max(kAlarm * caution, kFirstCaution);
       continue;
     }
     if (++stats.rounds > kMaxRounds) break;
     choose(rows);
-    couple(elimination, rows, most);
+    couple(elimination, rows, most, caution);
+    caution *= kCalm;
+    if (caution < kLeastCaution) caution = 0.0;
     const auto n = static_cast<Eigen::Index>(chosen_.size());
     stats.sweeps += pgs_.solve(g_.topLeftCorner(n, n), r_.head(n), low_.head(n), high_.head(n),
                                lambda_.head(n));

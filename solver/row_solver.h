@@ -56,7 +56,7 @@ class RowSolver {
   double measure(std::span<const Row> rows, std::span<const Vector6> twist,
                  const Eigen::VectorXd& step, double most);
   void choose(std::span<const Row> rows);
-  void couple(TreeElimination&, std::span<const Row> rows, double most);
+  void couple(TreeElimination&, std::span<const Row> rows, double most, double caution);
 
   RowPush push_;
   DualPgs pgs_;

@@ -12,8 +12,8 @@
 // (tree_elimination.cpp).
 //
 // Rows that join branches (rows.cpp) enter the linear problem (row_solver.cpp). Soft ones belong to
-// f. Hard ones join what must fall as nu times their violation, an exact penalty: nu exceeds their
-// multipliers, so that its minimum obeys them wherever they can be obeyed.
+// f. Hard ones join what must fall as nu times their violation beyond tolerance, an exact penalty:
+// nu exceeds their multipliers, so that its minimum obeys them wherever they can be obeyed.
 //
 // pgs_paper is Kenwright 2013 as its text gives it: fixed damping (eq. 30), a few sweeps per
 // relinearisation, its stopping rules (section VII.B): a cap, small errors, a small step, a step
@@ -90,7 +90,7 @@ struct IkSolver::State {
   EliminationStats solve_rows(double damping, IkReport&);
   double predicted_row_fall() const;
   double merit(const IkKinematics& k, const RowPlace& place) const {
-    return k.cost + 2.0 * penalty * place.violation;
+    return k.cost + 2.0 * penalty * place.excess;
   }
   void carry_multipliers();
   void descend(IkReport&);
@@ -204,23 +204,27 @@ double IkSolver::State::predicted_row_fall() const {
   double fall = 0.0;
   for (const Row& row : rows_now.rows) {
     const double before = row.value, after = before + row.rate(elimination.node_twist(), step);
-    fall += row.hard() ? 2.0 * penalty * (row.violation(before) - row.violation(after))
+    fall += row.hard() ? 2.0 * penalty * (row.excess(before) - row.excess(after))
                        : (before * before - after * after) / row.compliance;
   }
   return fall;
 }
 
-/// Rows that were there before the last step start from the multipliers they had.
+/// rows_next become rows_now; those that were there already start from the multipliers they had.
 void IkSolver::State::carry_multipliers() {
   auto old = rows_now.rows.begin();
   for (Row& row : rows_next.rows) {
     while (old != rows_now.rows.end() && old->id < row.id) ++old;
-    if (old != rows_now.rows.end() && old->id == row.id) row.lambda = old->lambda;
+    const bool same = old != rows_now.rows.end() && old->id == row.id;
+    if (same && old->hard() == row.hard()) row.lambda = old->lambda;
   }
+  std::swap(rows_now, rows_next);
 }
 
 EliminationStats IkSolver::State::solve_rows(double damping, IkReport& report) {
-  const double most = kMostPush * (1.0 + std::sqrt(at_now.cost));
+  double worst = 0.0;
+  for (const Row& row : rows_now.rows) worst = std::max(worst, row.excess(row.value));
+  const double most = kMostPush * (0.01 + std::sqrt(at_now.cost) + worst);
   const RowStats stats =
       row_solver.solve(elimination, now.x, damping, wish, rows_now.rows, most, step);
   report.sweeps += stats.sweeps;
@@ -252,7 +256,8 @@ EliminationStats IkSolver::State::solve_linear(double damping, IkReport& report)
 }
 
 void IkSolver::State::descend(IkReport& report) {
-  evaluate(now, at_now, rows_now);
+  evaluate(now, at_now, rows_next);
+  carry_multipliers();
   penalty = 0.0;
   report.converged = done(at_now, rows_now);
   if (report.converged || tree.nodes.empty()) return;
@@ -290,6 +295,12 @@ void IkSolver::State::descend(IkReport& report) {
         damping *= growth;
         growth *= 2.0;
         report.converged = negligible || damping > kMostDamping;
+        if (!rows.none()) {
+          // Rows held, nothing to gain: done. Else descend straight, without easing.
+          report.converged |= rows_now.worst <= 1.0 && stats.settled &&
+                              predicted < options.stop_cost_decrease * at_now.cost;
+          wish.setZero();
+        }
       }
     }
     if (report.converged || report.relinearisations == options.max_relinearisations) {
@@ -297,7 +308,6 @@ void IkSolver::State::descend(IkReport& report) {
     }
     if (!fell) break;
     carry_multipliers();
-    std::swap(rows_now, rows_next);
     std::swap(now, next);
     std::swap(at_now, at_next);
   }
@@ -417,7 +427,7 @@ void IkSolver::State::solve_levels(std::span<const EffectorTarget> targets, IkRe
     if (row.hard()) report.row_violation = std::max(report.row_violation, row.violation(row.value));
   }
   rows.aim_at_all(targets, goals);
-  evaluate(now, at_now, rows_now);
+  evaluate(now, at_now, rows_next);  // rows_now keep their multipliers for the next frame
 }
 
 IkSolver::IkSolver(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -447,6 +457,8 @@ Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
   return IkSolver(std::make_unique<State>(rig, options));
 }
 
+void IkSolver::forget() { state_->rows_now.rows.clear(); }
+
 IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<DualQuaternion> pose) {
   return solve(targets, pose, pose);
 }
@@ -471,7 +483,7 @@ IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<Dual
   }
   s.speed.widen(s.tree);
   report.cost = s.at_now.cost;
-  report.reached = s.rows_now.reached && s.reached(s.at_now);
+  report.reached = s.rows_next.reached && s.reached(s.at_now);
   if (report.relinearisations == 0) {
     project_into_limits(s.rig, pose);  // what is inside stays bit for bit
   } else {

@@ -83,6 +83,9 @@ class IkSolver {
   IkReport solve(std::span<const EffectorTarget> targets,
                  std::span<DualQuaternion> parent_from_joint,
                  std::span<const DualQuaternion> previous);
+  /// Rows start from the multipliers that the solve before ended with, as the frames of a clip do
+  /// best. This forgets them: call it where a clip begins, so that its answer is its own.
+  void forget();
 
  private:
   struct State;

@@ -1,7 +1,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -35,6 +37,8 @@ struct Row {
   bool hard() const { return compliance == 0.0; }
   /// How far `v`, as a value, is from what the row allows.
   double violation(double v) const { return one_sided ? (v < 0.0 ? -v : 0.0) : std::abs(v); }
+  /// By how much that is more than none.
+  double excess(double v) const { return std::max(violation(v) - tolerance, 0.0); }
   /// Takes the wrench about `origin`.
   void anchor(const Eigen::Vector3d& origin) {
     wrench << torque + (point - origin).cross(force), force;

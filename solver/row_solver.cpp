@@ -1,23 +1,20 @@
 // Rows on top of the tree: a dual method.
 //
 // min over d of 1/2 d'Hd - g'd + sum of soft (J d + c)^2 / (2 compliance), x + d within limits,
-// J d + c = 0 or >= 0 for the hard rows. With multipliers l, what is left for the tree is
-//   d(l) = argmin 1/2 d'Hd - (g + J'l)'d within limits:
-// the effectors' pull and the rows' push, solved exactly, limits included (tree_elimination.cpp).
-// The dual function is concave with gradient -(J d(l) + c + E l), E the compliances, one piece per
-// set of active limits, on which its Hessian is -G, G = J H^-1 J' + E, H^-1 over the coordinates
-// that no limit holds. So, as Newton's method for a function of such pieces does: at the current
-// pieces
-//   slack = J d(l) + c + E l,   min over w of 1/2 w'Gw + slack'w,  l + w within its bounds,
-// by projected Gauss-Seidel (multipliers of one-sided rows >= 0); l <- l + w; the tree solves again
-// and says which limits hold now. A step that overshoots, where the piece was left, is cut back by
-// regula falsi on the slope along it. At the end the limits hold with multipliers of the right
-// sign, the rows too, and d minimises: the fixed point of Gauss-Seidel over limits and rows
-// together, in a few rounds.
+// J d + c = 0 or >= 0 for the hard rows. The tree's elimination without limits gives d_0 = H^-1 g
+// and, per row, half a response (tree_elimination.h). With multipliers l
+//   d = d_0 + H^-1 J'l,
+//   min over l of 1/2 l'Gl + (J d_0 + c)'l,  G = J H^-1 J' + E,  E the compliances,
+// l >= 0 where a row is one-sided: projected Gauss-Seidel on the multipliers. A limit is a row like
+// any other, one-sided, on its own coordinate; a swing's ellipse is the tangents that the step has
+// been found to cross, each of which it lies inside of, so that adding one more at the nearest
+// border point closes in on it. Limits and rows thus settle together: the fixed point of sweeps
+// over the whole problem.
 //
-// Only rows that press, or are violated, act in a round: what stays open costs one product. G comes
-// from half responses, J_i H^-1 J_j' = half_i . half_j. A trace of G's diagonal keeps redundant
-// rows (two contacts of a rigid pair) solvable: they share the push.
+// Only what acts is in G: rows of two sides, rows that pressed before, limits that x touches; and
+// whatever the step then violates joins for another round, until it violates nothing. What stays
+// open costs one product. A trace of G's diagonal keeps redundant rows (two contacts of a rigid
+// pair) solvable: they share the push.
 #include "solver/row_solver.h"
 
 #include <Eigen/Cholesky>
@@ -29,192 +26,302 @@ namespace limber {
 
 namespace {
 
-constexpr int kMaxRounds = 24;
-constexpr int kMaxCuts = 24;
-constexpr double kSettled = 1e-10;  // m, rad: slack that counts as none
-constexpr double kFirm = 1e-11;     // of G's diagonal, added to hard rows
-constexpr double kOvershoot = 0.9;  // of the slope at a step's start, at its end
-constexpr double kStuck = 1e-3;     // of the largest of G's diagonal, for rows that limits hold
-constexpr double kFirstCaution = 1e-3, kLeastCaution = 1e-6, kAlarm = 4.0, kCalm = 0.25;
-constexpr int kSweeps = 3;  // between two subspace minimisations
-constexpr int kMaxDualRounds = 40;
+constexpr int kMaxRounds = 40;
+constexpr double kSettled = 1e-10;  // m, rad: a violation that counts as none
+constexpr double kPart = 1e-3;      // of a row's tolerance, that does too
+constexpr double kFirm = 1e-9;      // of G's diagonal, added for its factor
+constexpr int kRefinements = 3;     // which take that trace out again
+constexpr double kUnmoved = 1e-14;  // a diagonal below that: nothing that moves feels the row
+constexpr double kTouch = 1e-9;     // rad, m: nearer to a limit counts as on it
+constexpr double kCross = 1e-8;     // rad, m: a limit crossed by less is clamped after
+constexpr double kBorder = 1e-6;    // rad: the same for a swing, whose tangents close in on it
+constexpr double kOutward = 1e-3;
+constexpr int kSweeps = 3;    // to guess which multipliers press
+constexpr int kPatience = 4;  // pivots of whole blocks without progress
+constexpr int kMaxPivots = 100;
+constexpr int kFallbackSweeps = 100;
+constexpr double kNoise = 1e-13;  // of the largest slack: rounding, not a wrong sign
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+/// Rows that act at once, with a limit per coordinate and some tangents.
+std::size_t room_for(const IkTree& tree, std::size_t rows) {
+  if (rows == 0) return 0;
+  return std::min(rows, RowSolver::kMaxActive) + 2 * std::size_t(tree.coordinate_count());
+}
 
 }  // namespace
 
 DualPgs::DualPgs(std::size_t capacity)
-    : factor_(capacity, capacity), part_(static_cast<Eigen::Index>(capacity)) {
-  free_.reserve(capacity);
+    : factor_(capacity, capacity),
+      part_(static_cast<Eigen::Index>(capacity)),
+      at_(capacity, At::low),
+      should_(capacity, At::low) {
+  inside_.reserve(capacity);
+  wrong_.reserve(capacity);
 }
 
-int DualPgs::solve(const Eigen::Ref<const Eigen::MatrixXd>& g,
-                   const Eigen::Ref<const Eigen::VectorXd>& r,
-                   const Eigen::Ref<const Eigen::VectorXd>& low,
-                   const Eigen::Ref<const Eigen::VectorXd>& high, Eigen::Ref<Eigen::VectorXd> l,
-                   double tolerance) {
-  const Eigen::Index n = r.size();
-  int sweeps = 0;
-  for (int round = 0; round < kMaxDualRounds; ++round) {
-    double change = 0.0, scale = 0.0;
-    for (int sweep = 0; sweep < kSweeps; ++sweep, ++sweeps) {
-      change = 0.0;
-      for (Eigen::Index i = 0; i < n; ++i) {
-        const double old = l[i];
-        l[i] = std::clamp(old - (g.col(i).dot(l) + r[i]) / g(i, i), low[i], high[i]);
-        change = std::max(change, std::abs(l[i] - old));
-        scale = std::max({scale, std::abs(l[i]), std::abs(r[i] / g(i, i))});
-      }
-    }
-    if (change <= tolerance * scale) break;
-    free_.clear();
-    for (Eigen::Index i = 0; i < n; ++i) {
-      if (l[i] > low[i] && l[i] < high[i]) free_.push_back(static_cast<std::int32_t>(i));
-    }
-    const auto m = static_cast<Eigen::Index>(free_.size());
-    if (m == 0) continue;
-    for (Eigen::Index a = 0; a < m; ++a) {
-      for (Eigen::Index b = 0; b <= a; ++b) factor_(a, b) = g(free_[a], free_[b]);
-      part_[a] = -(g.col(free_[a]).dot(l) + r[free_[a]]);
-    }
-    Eigen::Ref<Eigen::MatrixXd> corner = factor_.topLeftCorner(m, m);
-    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> llt(corner);
-    if (llt.info() != Eigen::Success) continue;
+/// Those inside their range take the minimum over them, the others stay on their bounds.
+bool DualPgs::solve_inside(const Eigen::Ref<const Eigen::MatrixXd>& g,
+                           const Eigen::Ref<const Eigen::VectorXd>& r,
+                           Eigen::Ref<Eigen::VectorXd> l) {
+  const auto m = static_cast<Eigen::Index>(inside_.size());
+  if (m == 0) return true;
+  for (const std::int32_t i : inside_) l[i] = 0.0;
+  for (Eigen::Index a = 0; a < m; ++a) {
+    const std::int32_t i = inside_[a];
+    for (Eigen::Index b = 0; b <= a; ++b) factor_(a, b) = g(i, inside_[b]);
+    factor_(a, a) *= 1.0 + kFirm;
+  }
+  Eigen::Ref<Eigen::MatrixXd> corner = factor_.topLeftCorner(m, m);
+  const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> llt(corner);
+  if (llt.info() != Eigen::Success) return false;
+  for (int i = 0; i < kRefinements; ++i) {
+    for (Eigen::Index a = 0; a < m; ++a) part_[a] = -(g.col(inside_[a]).dot(l) + r[inside_[a]]);
     llt.matrixL().solveInPlace(part_.head(m));
     llt.matrixU().solveInPlace(part_.head(m));
-    // As far towards it as the first bound; the sweeps then say what that bound is worth.
-    double way = 1.0;
-    for (Eigen::Index a = 0; a < m; ++a) {
-      const std::int32_t i = free_[a];
-      const double bound = part_[a] > 0.0 ? high[i] : low[i];
-      if (part_[a] != 0.0) way = std::min(way, (bound - l[i]) / part_[a]);
+    for (Eigen::Index a = 0; a < m; ++a) l[inside_[a]] += part_[a];
+  }
+  return true;
+}
+
+namespace {
+
+/// One sweep of projected Gauss-Seidel, in place.
+void sweep(const Eigen::Ref<const Eigen::MatrixXd>& g, const Eigen::Ref<const Eigen::VectorXd>& r,
+           const Eigen::Ref<const Eigen::VectorXd>& low,
+           const Eigen::Ref<const Eigen::VectorXd>& high, Eigen::Ref<Eigen::VectorXd> l) {
+  for (Eigen::Index i = 0; i < l.size(); ++i) {
+    l[i] = std::clamp(l[i] - (g.col(i).dot(l) + r[i]) / g(i, i), low[i], high[i]);
+  }
+}
+
+}  // namespace
+
+DualPgs::Stats DualPgs::solve(const Eigen::Ref<const Eigen::MatrixXd>& g,
+                              const Eigen::Ref<const Eigen::VectorXd>& r,
+                              const Eigen::Ref<const Eigen::VectorXd>& low,
+                              const Eigen::Ref<const Eigen::VectorXd>& high,
+                              Eigen::Ref<Eigen::VectorXd> l) {
+  Stats stats;
+  const Eigen::Index n = r.size();
+  for (; stats.sweeps < kSweeps; ++stats.sweeps) sweep(g, r, low, high, l);
+  double scale = 0.0;  // of sqrt(g_ii) l_i and r_i / sqrt(g_ii), which have one unit
+  for (Eigen::Index i = 0; i < n; ++i) {
+    at_[i] = l[i] <= low[i] ? At::low : l[i] >= high[i] ? At::high : At::inside;
+    scale = std::max(scale, std::abs(r[i]) / std::sqrt(g(i, i)));
+  }
+  std::size_t fewest = n + 1;
+  int patience = kPatience;
+  while (stats.pivots++ < kMaxPivots) {
+    inside_.clear();
+    for (Eigen::Index i = 0; i < n; ++i) {
+      if (at_[i] == At::inside) inside_.push_back(static_cast<std::int32_t>(i));
+      if (at_[i] != At::inside) l[i] = at_[i] == At::low ? low[i] : high[i];
     }
-    for (Eigen::Index a = 0; a < m; ++a) {
-      const std::int32_t i = free_[a];
-      l[i] = std::clamp(l[i] + way * part_[a], low[i], high[i]);
+    if (!solve_inside(g, r, l)) break;
+    wrong_.clear();
+    for (Eigen::Index i = 0; i < n; ++i) {
+      const double root = std::sqrt(g(i, i)), noise = kNoise * scale;
+      should_[i] = at_[i];
+      if (at_[i] == At::inside) {
+        if ((l[i] - low[i]) * root < -noise) should_[i] = At::low;
+        if ((l[i] - high[i]) * root > noise) should_[i] = At::high;
+      } else if (low[i] < high[i]) {
+        const double slope = (g.col(i).dot(l) + r[i]) / root;
+        if (at_[i] == At::low ? slope < -noise : slope > noise) should_[i] = At::inside;
+      }
+      if (should_[i] != at_[i]) wrong_.push_back(static_cast<std::int32_t>(i));
+    }
+    stats.settled = wrong_.empty();
+    if (stats.settled) break;
+    const bool fewer = wrong_.size() < fewest;
+    if (fewer) {
+      fewest = wrong_.size();
+      patience = kPatience;
+    }
+    if (fewer || patience-- > 0) {
+      for (const std::int32_t i : wrong_) at_[i] = should_[i];
+    } else {
+      at_[wrong_.back()] = should_[wrong_.back()];
     }
   }
-  return sweeps;
+  if (!stats.settled) {
+    // Rounding keeps it from settling: the sweeps lower the objective whatever happens.
+    l.setZero();
+    for (int i = 0; i < kFallbackSweeps; ++i) sweep(g, r, low, high, l);
+    stats.sweeps += kFallbackSweeps;
+  }
+  l = l.cwiseMax(low).cwiseMin(high);
+  return stats;
 }
 
 RowSolver::RowSolver(const IkTree& tree, std::size_t capacity)
-    : push_(tree), pgs_(std::min(capacity, kMaxActive)) {
-  const auto rows = static_cast<Eigen::Index>(capacity);
-  const auto active = static_cast<Eigen::Index>(std::min(capacity, kMaxActive));
-  chosen_.reserve(active);
-  slack_.setZero(rows);
-  way_.setZero(rows);
-  half_.setZero(tree.coordinate_count(), active);
-  g_.setZero(active, active);
-  r_.setZero(active);
-  low_ = high_ = lambda_ = r_;
+    : tree_(tree),
+      push_(tree),
+      pgs_(room_for(tree, capacity)),
+      acts_(capacity),
+      walled_(2 * std::size_t(tree.coordinate_count())) {
+  const auto room = static_cast<Eigen::Index>(room_for(tree, capacity));
+  chosen_.resize(room);
+  half_.setZero(tree.coordinate_count(), room);
+  g_.setZero(room, room);
+  r_.setZero(room);
+  low_ = high_ = lambda_ = applied_ = r_;
+  sum_.setZero(tree.coordinate_count());
 }
 
-void RowSolver::push_with(std::span<const Row> rows) {
-  push_.clear();
-  for (const Row& row : rows) {
-    if (row.lambda != 0.0) push_.add(row, row.lambda);
+/// One more row or wall; false where it finds no room or nothing that moves. `slack` is what the
+/// step, with all that has been applied to it, leaves.
+bool RowSolver::add(TreeElimination& elimination, const Row& row, double slack, double low,
+                    double high) {
+  const Eigen::Index a = count_;
+  if (a == g_.cols()) return false;
+  elimination.respond(row, half_.col(a));
+  for (Eigen::Index b = 0; b <= a; ++b) g_(a, b) = g_(b, a) = half_.col(a).dot(half_.col(b));
+  if (row.hard() && g_(a, a) < kUnmoved) return false;
+  r_[a] = slack - g_.row(a).head(a).dot(applied_.head(a));
+  g_(a, a) += row.compliance;
+  low_[a] = low;
+  high_[a] = high;
+  lambda_[a] = row.lambda;
+  applied_[a] = 0.0;
+  ++count_;
+  return true;
+}
+
+bool RowSolver::add_row(TreeElimination& elimination, std::span<const Row> rows, std::size_t i,
+                        const Eigen::VectorXd& step, double most) {
+  const Row& row = rows[i];
+  const double slack = row.rate(elimination.node_twist(), step) + row.value;
+  const double high = row.hard() ? most : kInfinity;
+  if (!add(elimination, row, slack, row.one_sided ? 0.0 : -high, high)) return false;
+  lambda_[count_ - 1] = std::clamp(row.lambda, low_[count_ - 1], high);
+  chosen_[count_ - 1] = static_cast<std::int32_t>(i);
+  acts_[i] = 1;
+  return true;
+}
+
+/// A limit as a row: room + what its terms make of a further step stays above zero.
+bool RowSolver::add_wall(TreeElimination& elimination, const Row::Term& first,
+                         const Row::Term& second, double room) {
+  Row wall;
+  wall.terms = {first, second};
+  if (!add(elimination, wall, room, 0.0, kInfinity)) return false;
+  chosen_[count_ - 1] = -1;
+  return true;
+}
+
+/// A coordinate's range on one side: +1 its minimum, -1 its maximum.
+bool RowSolver::add_side(TreeElimination& elimination, std::int32_t node, std::int32_t coordinate,
+                         double side, double room) {
+  std::uint8_t& walled = walled_[2 * static_cast<std::size_t>(coordinate) + (side > 0.0)];
+  if (walled != 0 || !add_wall(elimination, {node, coordinate, side}, {}, room)) return false;
+  walled = 1;
+  return true;
+}
+
+/// Walls for limits that x + step crosses.
+bool RowSolver::add_walls(TreeElimination& elimination, const Eigen::VectorXd& x,
+                          const Eigen::VectorXd& step) {
+  bool added = false;
+  for (std::size_t n = 0; n < tree_.nodes.size(); ++n) {
+    const IkNode& node = tree_.nodes[n];
+    const auto at = static_cast<std::int32_t>(n);
+    for (std::int32_t k = node.coordinate; k < node.coordinate + node.coordinates; ++k) {
+      const double end = x[k] + step[k];
+      const double over = end - tree_.max[k], under = tree_.min[k] - end;
+      if (over > kCross) added |= add_side(elimination, at, k, -1.0, -over);
+      if (under > kCross) added |= add_side(elimination, at, k, 1.0, -under);
+    }
+    if (!node.ellipse) continue;
+    const std::int32_t k = node.coordinate;
+    const Eigen::Vector2d end = x.segment<2>(k) + step.segment<2>(k);
+    const Eigen::Vector2d out = end - node.swing.project(end);
+    const double over = out.norm();
+    if (!(over > kBorder)) continue;
+    const Eigen::Vector2d normal = out / over;
+    added |= add_wall(elimination, {at, k, -normal.x()}, {at, k + 1, -normal.y()}, -over);
   }
+  return added;
 }
 
-/// Slacks, and the largest that its row's multiplier does not excuse.
-double RowSolver::measure(std::span<const Row> rows, std::span<const Vector6> twist,
-                          const Eigen::VectorXd& step, double most) {
-  double worst = 0.0;
+/// What acts from the beginning.
+void RowSolver::begin(TreeElimination& elimination, const Eigen::VectorXd& x,
+                      const Eigen::VectorXd& step, std::span<const Row> rows, double most) {
+  count_ = 0;
+  std::fill(walled_.begin(), walled_.end(), std::uint8_t(0));
   for (std::size_t i = 0; i < rows.size(); ++i) {
-    const Row& row = rows[i];
-    const double slack = row.rate(twist, step) + row.value + row.compliance * row.lambda;
-    slack_[i] = slack;
-    const double low = row.one_sided ? 0.0 : -most;
-    const bool excused =
-        row.hard() && ((slack > 0.0 && row.lambda <= low) || (slack < 0.0 && row.lambda >= most));
-    if (!excused) worst = std::max(worst, std::abs(slack));
+    acts_[i] = 0;
+    if (!rows[i].one_sided || rows[i].lambda > 0.0) add_row(elimination, rows, i, step, most);
   }
-  return worst;
+  for (std::size_t n = 0; n < tree_.nodes.size(); ++n) {
+    const IkNode& node = tree_.nodes[n];
+    const auto at = static_cast<std::int32_t>(n);
+    for (std::int32_t k = node.coordinate; k < node.coordinate + node.coordinates; ++k) {
+      const double over = x[k] - tree_.max[k], under = tree_.min[k] - x[k];
+      if (over > -kTouch) add_side(elimination, at, k, -1.0, -over - step[k]);
+      if (under > -kTouch) add_side(elimination, at, k, 1.0, -under + step[k]);
+    }
+    if (!node.ellipse) continue;
+    const Eigen::Vector2d swing = x.segment<2>(node.coordinate);
+    const Eigen::Vector2d ahead = swing + step.segment<2>(node.coordinate);
+    if (node.swing.level(swing) < 1.0 - kTouch || node.swing.level(ahead) < 1.0) continue;
+    // A little beyond the border the nearest point's direction is its normal.
+    const Eigen::Vector2d beyond = (1.0 + kOutward) * swing;
+    const Eigen::Vector2d border = node.swing.project(beyond);
+    const Eigen::Vector2d normal = (beyond - border).stableNormalized();
+    add_wall(elimination, {at, node.coordinate, -normal.x()},
+             {at, node.coordinate + 1, -normal.y()}, normal.dot(border - ahead));
+  }
 }
 
-void RowSolver::choose(std::span<const Row> rows) {
-  chosen_.clear();
-  for (std::size_t i = 0; i < rows.size() && chosen_.size() < chosen_.capacity(); ++i) {
-    const Row& row = rows[i];
-    if (!row.one_sided || row.lambda > 0.0 || slack_[i] < -kSettled) {
-      chosen_.push_back(static_cast<std::int32_t>(i));
+/// Rows and limits that the step violates join; false where there are none.
+bool RowSolver::extend(TreeElimination& elimination, const Eigen::VectorXd& x,
+                       const Eigen::VectorXd& step, std::span<const Row> rows, double most) {
+  bool added = add_walls(elimination, x, step);
+  for (std::size_t i = 0; i < rows.size(); ++i) {
+    if (acts_[i] != 0) continue;
+    const double slack = rows[i].rate(elimination.node_twist(), step) + rows[i].value;
+    if (slack < -kSettled - kPart * rows[i].tolerance) {
+      added |= add_row(elimination, rows, i, step, most);
     }
   }
-}
-
-/// The quadratic problem of the chosen rows.
-void RowSolver::couple(TreeElimination& elimination, std::span<const Row> rows, double most,
-                       double caution) {
-  const auto n = static_cast<Eigen::Index>(chosen_.size());
-  double largest = 0.0;
-  for (Eigen::Index a = 0; a < n; ++a) {
-    elimination.respond(rows[chosen_[a]], half_.col(a));
-    for (Eigen::Index b = 0; b <= a; ++b) g_(a, b) = g_(b, a) = half_.col(a).dot(half_.col(b));
-    largest = std::max(largest, g_(a, a));
-  }
-  for (Eigen::Index a = 0; a < n; ++a) {
-    const Row& row = rows[chosen_[a]];
-    r_[a] = slack_[chosen_[a]];
-    lambda_[a] = 0.0;
-    low_[a] = high_[a] = std::numeric_limits<double>::infinity();
-    low_[a] = -low_[a];
-    if (!row.hard()) {
-      g_(a, a) += row.compliance;
-      continue;
-    }
-    high_[a] = std::max(most - row.lambda, 0.0);
-    low_[a] = std::min((row.one_sided ? 0.0 : -most) - row.lambda, 0.0);
-    g_(a, a) += kFirm * g_(a, a) + caution * (largest > 0.0 ? largest : 1.0);
-    // Where limits hold all that could move, pushing still tells which of them give way.
-    if (!(g_(a, a) > 1e-12 * largest)) g_(a, a) = largest > 0.0 ? kStuck * largest : 1.0;
-  }
+  return added;
 }
 
 RowStats RowSolver::solve(TreeElimination& elimination, const Eigen::VectorXd& x, double damping,
                           const Eigen::VectorXd& wish, std::span<Row> rows, double most,
                           Eigen::VectorXd& step) {
   RowStats stats;
-  const auto count = static_cast<Eigen::Index>(rows.size());
-  double start_slope = 0.0;  // along way_, where the step began; < 0 descends
-  double caution = 0.0;
-  int cuts = 0;
-  elimination.set_push(&push_);
-  while (true) {
-    push_with(rows);
-    const EliminationStats tree = elimination.solve(x, damping, wish, step);
-    stats.tree.passes += tree.passes;
-    stats.tree.definite = tree.definite;
-    if (!tree.definite) break;
-    const double worst = measure(rows, elimination.node_twist(), step, most);
-    if (worst <= kSettled) {
-      stats.tree.settled = tree.settled;
-      break;
-    }
-    const double slope = start_slope < 0.0 ? slack_.head(count).dot(way_.head(count)) : 0.0;
-    if (slope > -kOvershoot * start_slope && ++cuts < kMaxCuts) {
-      const double part = start_slope / (start_slope - slope);
-      for (Eigen::Index i = 0; i < count; ++i) rows[i].lambda -= (1.0 - part) * way_[i];
-      way_.head(count) *= part;
-      start_slope *= part;
-      caution = std::max(kAlarm * caution, kFirstCaution);
-      continue;
-    }
-    if (++stats.rounds > kMaxRounds) break;
-    choose(rows);
-    couple(elimination, rows, most, caution);
-    caution *= kCalm;
-    if (caution < kLeastCaution) caution = 0.0;
-    const auto n = static_cast<Eigen::Index>(chosen_.size());
-    stats.sweeps += pgs_.solve(g_.topLeftCorner(n, n), r_.head(n), low_.head(n), high_.head(n),
-                               lambda_.head(n));
-    way_.head(count).setZero();
-    for (Eigen::Index a = 0; a < n; ++a) {
-      way_[chosen_[a]] = lambda_[a];
-      rows[chosen_[a]].lambda += lambda_[a];
-    }
-    start_slope = slack_.head(count).dot(way_.head(count));
+  stats.tree = elimination.solve_free(x, damping, wish, step);
+  if (!stats.tree.definite) return stats;
+  begin(elimination, x, step, rows, most);
+  stats.tree.settled = false;
+  bool exact = true;
+  while (!stats.tree.settled && stats.rounds < kMaxRounds) {
+    ++stats.rounds;
+    const Eigen::Index n = count_;
+    const DualPgs::Stats dual = pgs_.solve(g_.topLeftCorner(n, n), r_.head(n), low_.head(n),
+                                           high_.head(n), lambda_.head(n));
+    stats.sweeps += dual.sweeps;
+    stats.pivots += dual.pivots;
+    exact = exact && dual.settled;
+    applied_.head(n) = lambda_.head(n) - applied_.head(n);
+    sum_.noalias() = half_.leftCols(n) * applied_.head(n);
+    applied_.head(n) = lambda_.head(n);
+    elimination.complete(sum_, step);
+    stats.tree.settled = !extend(elimination, x, step, rows, most);
   }
-  elimination.set_push(nullptr);
-  for (const Row& row : rows) stats.active += row.hard() && row.one_sided && row.lambda > 0.0;
+  stats.tree.settled = stats.tree.settled && exact;
+  push_.clear();
+  for (Row& row : rows) row.lambda = 0.0;
+  for (Eigen::Index a = 0; a < count_; ++a) {
+    if (chosen_[a] < 0) continue;
+    Row& row = rows[chosen_[a]];
+    row.lambda = lambda_[a];
+    push_.add(row, row.lambda);
+    stats.active += row.hard() && row.one_sided && row.lambda > 0.0;
+  }
   return stats;
 }
 

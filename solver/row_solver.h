@@ -10,28 +10,38 @@
 
 namespace limber {
 
-/// min 1/2 l'Gl + r'l with low <= l <= high; G symmetric, positive definite. By Gauss-Seidel
-/// sweeps, projected, and between them the exact minimum over the l that no bound holds
-/// (M. Silcowitz, S. Niebe, K. Erleben, VRIPHYS 2010: PGS with subspace minimisation).
+/// min 1/2 l'Gl + r'l with low <= l <= high; G symmetric, positive definite. Gauss-Seidel sweeps,
+/// projected, guess which bounds hold; block principal pivoting settles it exactly (J. Kim, H.
+/// Park, SIAM J. Sci. Comput. 33, 2011, after L. F. Portugal, J. J. Judice, L. N. Vicente, Math.
+/// Comp. 63, 1994): what left its range goes to its bound, what its bound's gradient pulls inwards
+/// is freed, all at once while that helps, else one at a time.
 class DualPgs {
  public:
+  struct Stats {
+    int sweeps = 0, pivots = 0;
+    bool settled = false;
+  };
   explicit DualPgs(std::size_t capacity);
-  /// l: warm start in, solution out. Returns the sweeps. Until |l - P(l - diag^-1 (G l + r))| is at
-  /// most `tolerance` times the largest of |l| and |r / diag|.
-  int solve(const Eigen::Ref<const Eigen::MatrixXd>& g, const Eigen::Ref<const Eigen::VectorXd>& r,
-            const Eigen::Ref<const Eigen::VectorXd>& low,
-            const Eigen::Ref<const Eigen::VectorXd>& high, Eigen::Ref<Eigen::VectorXd> l,
-            double tolerance = 1e-12);
+  /// l: warm start in, solution out.
+  Stats solve(const Eigen::Ref<const Eigen::MatrixXd>& g,
+              const Eigen::Ref<const Eigen::VectorXd>& r,
+              const Eigen::Ref<const Eigen::VectorXd>& low,
+              const Eigen::Ref<const Eigen::VectorXd>& high, Eigen::Ref<Eigen::VectorXd> l);
 
  private:
+  enum class At : std::int8_t { low, inside, high };
+  bool solve_inside(const Eigen::Ref<const Eigen::MatrixXd>& g,
+                    const Eigen::Ref<const Eigen::VectorXd>& r, Eigen::Ref<Eigen::VectorXd> l);
+
   Eigen::MatrixXd factor_;
   Eigen::VectorXd part_;
-  std::vector<std::int32_t> free_;
+  std::vector<std::int32_t> inside_, wrong_;
+  std::vector<At> at_, should_;
 };
 
 struct RowStats {
   EliminationStats tree;  ///< settled: limits and rows are
-  int sweeps = 0;
+  int sweeps = 0, pivots = 0;
   int rounds = 0;
   int active = 0;  ///< hard one-sided rows that press
 };
@@ -39,31 +49,45 @@ struct RowStats {
 /// The tree's limited problem with rows, see row_solver.cpp.
 class RowSolver {
  public:
-  /// At most `capacity` rows act at once, and no more than kMaxActive.
+  /// For at most `capacity` rows, of which no more than kMaxActive act at once.
   RowSolver(const IkTree&, std::size_t capacity);
 
-  /// The step, and every row's lambda (warm start in). Hard rows press with at most `most`, so that
-  /// rows that contradict each other or the limits share what cannot be met.
+  /// min 1/2 d'Hd - g'd + soft rows, x + d within limits, under the hard rows; H and g as
+  /// TreeElimination::linearise has them. `step`: the solution; every row's lambda: warm start in,
+  /// multiplier out. Hard rows press with at most `most`, so that rows that contradict each other
+  /// or the limits share what cannot be met.
   RowStats solve(TreeElimination&, const Eigen::VectorXd& x, double damping,
                  const Eigen::VectorXd& wish, std::span<Row> rows, double most,
                  Eigen::VectorXd& step);
+  /// J'lambda of the last solve's rows (not of the limits).
   const RowPush& push() const { return push_; }
 
   static constexpr std::size_t kMaxActive = 256;
 
  private:
-  void push_with(std::span<const Row> rows);
-  double measure(std::span<const Row> rows, std::span<const Vector6> twist,
-                 const Eigen::VectorXd& step, double most);
-  void choose(std::span<const Row> rows);
-  void couple(TreeElimination&, std::span<const Row> rows, double most, double caution);
+  void begin(TreeElimination&, const Eigen::VectorXd& x, const Eigen::VectorXd& step,
+             std::span<const Row> rows, double most);
+  bool extend(TreeElimination&, const Eigen::VectorXd& x, const Eigen::VectorXd& step,
+              std::span<const Row> rows, double most);
+  bool add_row(TreeElimination&, std::span<const Row> rows, std::size_t i,
+               const Eigen::VectorXd& step, double most);
+  bool add_wall(TreeElimination&, const Row::Term&, const Row::Term&, double room);
+  bool add_side(TreeElimination&, std::int32_t node, std::int32_t coordinate, double side,
+                double room);
+  bool add_walls(TreeElimination&, const Eigen::VectorXd& x, const Eigen::VectorXd& step);
+  bool add(TreeElimination&, const Row&, double slack, double low, double high);
 
+  const IkTree& tree_;
   RowPush push_;
   DualPgs pgs_;
-  std::vector<std::int32_t> chosen_;  ///< rows that act in this round
-  Eigen::VectorXd slack_, way_;       ///< [row]
-  Eigen::MatrixXd half_, g_;          ///< coordinates x chosen; chosen x chosen
-  Eigen::VectorXd r_, low_, high_, lambda_;
+  std::vector<std::int32_t> chosen_;  ///< [acting] row, or -1: a wall
+  std::vector<std::uint8_t> acts_;    ///< [row]
+  std::vector<std::uint8_t> walled_;  ///< [2 coordinate + (minimum)] it acts
+  Eigen::Index count_ = 0;            ///< acting rows and walls
+  Eigen::MatrixXd half_, g_;          ///< coordinates x count; count x count
+  Eigen::VectorXd r_, low_, high_;    ///< [acting] r: slack without multipliers
+  Eigen::VectorXd lambda_, applied_;  ///< [acting]; what the step has of it
+  Eigen::VectorXd sum_;               ///< [coordinate]
 };
 
 }  // namespace limber

@@ -3,9 +3,10 @@
 // Relative effector. Point p of node a, its goal g and goal rotation carried by node b. Moving b by
 // a twist is moving a by the opposite one, then both: the distance feels the first alone. So with
 // the twist of a less that of b, taken at p, r = p - g has the row (force c at p, no torque) per
-// axis c, and the rotation still to be made, negated, has the row (torque c): the six rows of an
-// effector, as a wrench on a and its opposite on b. Lines and directions lose the components that
-// change nothing, as in jacobian.cpp. Cost mass |r|^2: compliance 1 / mass.
+// axis c of b, and the rotation still to be made, negated, has the row (torque c): the six rows of
+// an effector, as a wrench on a and its opposite on b. (Along axes of b, because r turns with b.)
+// Lines and directions lose the components that change nothing, as in jacobian.cpp. Cost mass
+// |r|^2: compliance 1 / mass.
 //
 // Strict priorities. The strongest level is solved alone. Each weaker one follows under hard rows
 // J_0 d = 0 that hold what came before where it ended, so it moves in their null space only
@@ -178,21 +179,24 @@ void IkRows::add_link(std::size_t e, const IkKinematics& k, RowPlace& place) con
   row.node_b = link.base_node;
   row.point = point;
   row.tolerance = kHeld;
+  const Eigen::Matrix3d axes = base.toRotationMatrix();
   const auto id = static_cast<std::int64_t>(6 * e);
   for (int c = 0; c < 3 && goal.mass > 0.0; ++c) {
     row.id = id + c;
-    row.force = Vector3d::Unit(c);
-    if (effector.kind == EffectorKind::line) row.force -= goal.axis[c] * goal.axis;
-    row.value = -error.position[c];
+    const Vector3d axis = axes.col(c);
+    row.force = axis;
+    if (effector.kind == EffectorKind::line) row.force -= goal.axis.dot(axis) * goal.axis;
+    row.value = -error.position.dot(axis);
     row.compliance = link.held ? 0.0 : 1.0 / goal.mass;
     place.rows.push_back(row);
   }
   row.force.setZero();
   for (int c = 0; c < 3 && goal.inertia > 0.0; ++c) {
     row.id = id + 3 + c;
-    row.torque = Vector3d::Unit(c);
-    if (is_axial(effector.kind)) row.torque -= error.axis[c] * error.axis;
-    row.value = -error.rotation[c];
+    const Vector3d axis = axes.col(c);
+    row.torque = axis;
+    if (is_axial(effector.kind)) row.torque -= error.axis.dot(axis) * error.axis;
+    row.value = -error.rotation.dot(axis);
     row.compliance = link.held ? 0.0 : 1.0 / goal.inertia;
     place.rows.push_back(row);
   }
@@ -236,15 +240,14 @@ void IkRows::add_contacts(const IkKinematics& kinematics, RowPlace& place) {
 }
 
 void IkRows::judge(RowPlace& place) const {
-  place.cost = place.violation = place.worst = 0.0;
+  place.cost = place.excess = place.worst = 0.0;
   for (const Row& row : place.rows) {
     if (!row.hard()) {
       place.cost += row.value * row.value / row.compliance;
       continue;
     }
-    const double violation = row.violation(row.value);
-    place.violation += violation;
-    place.worst = std::max(place.worst, violation / row.tolerance);
+    place.excess += row.excess(row.value);
+    place.worst = std::max(place.worst, row.violation(row.value) / row.tolerance);
   }
 }
 

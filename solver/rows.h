@@ -13,11 +13,11 @@ namespace limber {
 
 /// The rows at one place of the coordinates, and what they say of it.
 struct RowPlace {
-  std::vector<Row> rows;   ///< by ascending id
-  double cost = 0.0;       ///< soft rows: sum of value^2 / compliance, m^2, as IkReport::cost
-  double violation = 0.0;  ///< hard rows: sum
-  double worst = 0.0;      ///< hard rows: largest violation / tolerance; at most 1: all are kept
-  bool reached = true;     ///< every strong relative effector is within the stop tolerances
+  std::vector<Row> rows;  ///< by ascending id
+  double cost = 0.0;      ///< soft rows: sum of value^2 / compliance, m^2, as IkReport::cost
+  double excess = 0.0;    ///< hard rows: sum of the violations beyond tolerance
+  double worst = 0.0;     ///< hard rows: largest violation / tolerance; at most 1: all are kept
+  bool reached = true;    ///< every strong relative effector is within the stop tolerances
 };
 
 /// What joins branches of a rig's tree, as rows: relative effectors (soft), couplings, effectors of

@@ -22,9 +22,10 @@
 // turn of the outer pull by S. It couples d with v alone: U = I S - k / 2 everywhere above. Pivots
 // may then lose their sign; `definite` tells, and the caller goes back to Gauss-Newton.
 //
-// Rows (row_solver.cpp) push with J'lambda, one more term of p and u. The elimination is H = L D L'
-// with the coordinates as columns of L; its tip-to-root pass applied to a row's J alone is the
-// forward substitution L^-1 J', which touches only the paths from the row's nodes to the roots.
+// Rows (row_solver.cpp) push with J'lambda. The elimination is H = L D L' with the coordinates as
+// columns of L: its tip-to-root pass applied to a row's J alone is the forward substitution
+// L^-1 J', which touches only the paths from the row's nodes to the roots, and its root-to-tip pass
+// the backward one.
 //
 // A swing on its ellipse turns its two coordinates into tangent and normal: the normal one is held
 // so that the swing ends on the tangent line, the tangent one is free. The border curves away from
@@ -109,7 +110,7 @@ void TreeElimination::prepare_pivots(std::int32_t n, const Eigen::VectorXd& x, d
     pivot.axis = kinematics_->axis[k];
     pivot.locked = lock_[k] != Lock::none;
     pivot.diagonal = damping * tree_.damping[k];
-    pivot.pull = pivot.diagonal * wish_[k] + (push_ != nullptr ? push_->force[k] : 0.0);
+    pivot.pull = pivot.diagonal * wish_[k];
     pivot.held = !pivot.locked           ? 0.0
                  : lock_[k] == Lock::max ? tree_.max[k] - x[k]
                                          : tree_.min[k] - x[k];
@@ -145,7 +146,6 @@ void TreeElimination::eliminate(std::int32_t n, const Eigen::VectorXd& x, double
   Outside& out = outside_[n];
   out.inertia = load_->inertia[n];
   out.bias = -load_->pull[n];
-  if (push_ != nullptr) out.bias -= push_->wrench[n];
   for (std::int32_t c = tree_.children_begin[n]; c < tree_.children_begin[n + 1]; ++c) {
     out.inertia += outside_[tree_.children[c]].inertia;
     out.bias += outside_[tree_.children[c]].bias;
@@ -196,6 +196,19 @@ void TreeElimination::substitute(Eigen::VectorXd& step) {
   }
 }
 
+EliminationStats TreeElimination::solve_free(const Eigen::VectorXd& x, double damping,
+                                             const Eigen::VectorXd& wish, Eigen::VectorXd& step) {
+  std::fill(lock_.begin(), lock_.end(), Lock::none);
+  std::fill(swing_.begin(), swing_.end(), SwingLock{});
+  wish_ = wish.data();
+  definite_ = true;
+  for (std::size_t n = tree_.nodes.size(); n-- > 0;) {
+    eliminate(static_cast<std::int32_t>(n), x, damping);
+  }
+  if (definite_) substitute(step);
+  return {.passes = 1, .settled = true, .definite = definite_};
+}
+
 void TreeElimination::respond(const Row& row, Eigen::Ref<Eigen::VectorXd> half) {
   half.setZero();
   std::int32_t n = std::max(row.node_a, row.node_b);
@@ -205,29 +218,42 @@ void TreeElimination::respond(const Row& row, Eigen::Ref<Eigen::VectorXd> half) 
   if (row.node_b >= 0) felt_[row.node_b] -= row.wrench;
   for (; n >= 0; --n) {
     const IkNode& node = tree_.nodes[n];
+    Vector6& felt = felt_[n];
     std::array<double, 6> force{};
-    bool driven = !felt_[n].isZero(0.0);
+    bool pushed = !felt.isZero(0.0);
     for (const Row::Term& term : row.terms) {
       if (term.node != n) continue;
       force[term.coordinate - node.coordinate] += term.coefficient;
-      driven = true;
+      pushed = true;
     }
-    if (!driven) continue;
-    if (swing_[n].active && !swing_[n].corner) {
-      const Eigen::Vector2d& normal = swing_[n].normal;
-      const double force0 = force[0], force1 = force[1];
-      force[0] = normal.x() * force1 - normal.y() * force0;
-      force[1] = normal.x() * force0 + normal.y() * force1;
-    }
-    Vector6& felt = felt_[n];
+    if (!pushed) continue;
     for (std::int32_t k = node.coordinate + node.coordinates - 1; k >= node.coordinate; --k) {
       const Pivot& pivot = pivot_[k];
-      if (pivot.locked || pivot.inverse == 0.0) continue;
       const double drive = force[k - node.coordinate] + pivot.axis.dot(felt);
       half[k] = drive * std::sqrt(pivot.inverse);
       felt -= (drive * pivot.inverse) * pivot.momentum;
     }
     if (node.parent >= 0) felt_[node.parent] += felt;
+  }
+}
+
+void TreeElimination::complete(const Eigen::VectorXd& half, Eigen::VectorXd& step) {
+  for (std::size_t n = 0; n < tree_.nodes.size(); ++n) {
+    const IkNode& node = tree_.nodes[n];
+    Vector6& twist = felt_[n];
+    if (node.parent < 0) {
+      twist.setZero();
+    } else {
+      twist = felt_[node.parent];
+    }
+    for (std::int32_t k = node.coordinate; k < node.coordinate + node.coordinates; ++k) {
+      const Pivot& pivot = pivot_[k];
+      const double change =
+          half[k] * std::sqrt(pivot.inverse) - pivot.inverse * pivot.momentum.dot(twist);
+      step[k] += change;
+      twist += change * pivot.axis;
+    }
+    twist_[n] += twist;
   }
 }
 

@@ -30,12 +30,16 @@ class TreeElimination {
   /// `step`: the solution. The active set is the start for the next call.
   EliminationStats solve(const Eigen::VectorXd& x, double damping, const Eigen::VectorXd& wish,
                          Eigen::VectorXd& step);
-  /// What rows push with joins the pull in every solve from now on; null: nothing. Not copied.
-  void set_push(const RowPush* push) { push_ = push; }
-  /// Half of the response to a row's J at the active set of the last solve: with H = L D L' the
-  /// elimination's factors over the free coordinates, half = D^-1/2 L^-1 J' (0 where held), so that
-  /// J_i H^-1 J_j' = half_i . half_j. Costs the tip-to-root pass along the row's own paths.
+  /// For rows (row_solver.h). The same without limits, in one pass; forgets the active set.
+  EliminationStats solve_free(const Eigen::VectorXd& x, double damping, const Eigen::VectorXd& wish,
+                              Eigen::VectorXd& step);
+  /// After solve_free: half of the response to a row's J. With H = L D L' the elimination's
+  /// factors, half = D^-1/2 L^-1 J', so that J_i H^-1 J_j' = half_i . half_j. Costs the tip-to-root
+  /// pass along the row's own paths.
   void respond(const Row&, Eigen::Ref<Eigen::VectorXd> half);
+  /// The other half: adds L'^-1 D^-1/2 half, how the step answers a push with that half response,
+  /// to the step and the node twists.
+  void complete(const Eigen::VectorXd& half, Eigen::VectorXd& step);
   /// Twists of the nodes under the last step.
   std::span<const Vector6> node_twist() const { return twist_; }
 

@@ -25,7 +25,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kMargin = 0.03;      // m, of the list of near joints
+constexpr double kMargin = 0.05;      // m, of the list of near joints
 constexpr double kParallel = 0.1;     // squared sine below which ends count too
 constexpr double kRestOverlap = 0.2;  // of the smaller radius, allowed at rest
 constexpr double kPoint = 1e-12;      // m^2: shorter segments are points

@@ -40,8 +40,10 @@ constexpr double kEase = 5e-4;   // of the way to the middle of its range, per r
 constexpr int kUnwinds = 3;      // a third, two thirds, all of the way to the middle
 constexpr double kWoundCost = 0.05 * 0.05;  // m^2; a worse miss is a target out of reach
 constexpr double kMostPush = 1e4;           // of a hard row, per root of the cost
-constexpr double kPenalty = 1.5;            // of the largest multiplier
-constexpr double kStalling = 0.7;  // a relative fall below this asks for the errors' curvature
+constexpr int kBends = 2, kSettles = 10;
+constexpr double kSettleDamping = 1.0;  // of the least step
+constexpr double kPenalty = 1.5;        // of the largest multiplier
+constexpr double kStalling = 0.7;       // a relative fall below this asks for the errors' curvature
 
 }  // namespace
 
@@ -89,6 +91,8 @@ struct IkSolver::State {
   EliminationStats solve_linear(double damping, IkReport&);
   EliminationStats solve_rows(double damping, IkReport&);
   double predicted_row_fall() const;
+  void bend_step(double damping, IkReport&);
+  void settle_rows(IkReport&);
   double merit(const IkKinematics& k, const RowPlace& place) const {
     return k.cost + 2.0 * penalty * place.excess;
   }
@@ -235,6 +239,41 @@ EliminationStats IkSolver::State::solve_rows(double damping, IkReport& report) {
   return stats.tree;
 }
 
+/// Second-order correction (R. Fletcher, Practical Methods of Optimization, 1987, section 14.4):
+/// the same problem, with hard rows asked for what they turned out to lack after the step. Without
+/// it the merit would turn down good steps along curved rows.
+void IkSolver::State::bend_step(double damping, IkReport& report) {
+  for (int i = 0; i < kBends && rows_next.worst > 1.0; ++i) {
+    auto met = rows_next.rows.begin();
+    for (Row& row : rows_now.rows) {
+      if (i == 0) row.place = row.value;
+      while (met != rows_next.rows.end() && met->id < row.id) ++met;
+      if (!row.hard() || met == rows_next.rows.end() || met->id != row.id) continue;
+      row.value = met->value - row.rate(elimination.node_twist(), step);
+    }
+    solve_linear(damping, report);
+    tree.move(now, step, next);
+    evaluate(next, at_next, rows_next);
+  }
+  for (Row& row : rows_now.rows) row.value = row.place;
+}
+
+/// Hard rows first: where the descent ended before they were kept, the least step that keeps them.
+void IkSolver::State::settle_rows(IkReport& report) {
+  for (int i = 0; i < kSettles && rows_now.worst > 1.0; ++i) {
+    linearise();
+    wish.setZero();
+    elimination.linearise(at_now, load);
+    solve_linear(kSettleDamping, report);
+    tree.move(now, step, next);
+    evaluate(next, at_next, rows_next);
+    if (rows_next.worst >= rows_now.worst) break;
+    carry_multipliers();
+    std::swap(now, next);
+    std::swap(at_now, at_next);
+  }
+}
+
 /// One linear problem, solved; the curved one where it has a minimum.
 EliminationStats IkSolver::State::solve_linear(double damping, IkReport& report) {
   if (!rows.none()) {
@@ -277,6 +316,7 @@ void IkSolver::State::descend(IkReport& report) {
       tree.move(now, step, next);
       evaluate(next, at_next, rows_next);
       const double predicted = predicted_fall(damping);
+      if (rows_next.worst > 1.0) bend_step(damping, report);
       const double fall = merit(at_now, rows_now) - merit(at_next, rows_next);
       const bool negligible = step.cwiseAbs().maxCoeff() < options.stop_step;
       fell = fall >= 0.0;
@@ -311,6 +351,7 @@ void IkSolver::State::descend(IkReport& report) {
     std::swap(now, next);
     std::swap(at_now, at_next);
   }
+  settle_rows(report);
 }
 
 void IkSolver::State::descend_paper(IkReport& report) {

@@ -33,6 +33,7 @@ struct Row {
   double compliance = 0.0;
   bool one_sided = false;
   double lambda = 0.0;
+  double place = 0.0;  ///< the outer loop's: value, while it tries others
 
   bool hard() const { return compliance == 0.0; }
   /// How far `v`, as a value, is from what the row allows.

@@ -56,8 +56,8 @@ DualPgs::DualPgs(std::size_t capacity)
       part_(static_cast<Eigen::Index>(capacity)),
       at_(capacity, At::low),
       should_(capacity, At::low) {
+  before_ = part_;
   inside_.reserve(capacity);
-  wrong_.reserve(capacity);
 }
 
 /// Those inside their range take the minimum over them, the others stay on their bounds.
@@ -110,49 +110,103 @@ DualPgs::Stats DualPgs::solve(const Eigen::Ref<const Eigen::MatrixXd>& g,
     at_[i] = l[i] <= low[i] ? At::low : l[i] >= high[i] ? At::high : At::inside;
     scale = std::max(scale, std::abs(r[i]) / std::sqrt(g(i, i)));
   }
-  std::size_t fewest = n + 1;
-  int patience = kPatience;
-  while (stats.pivots++ < kMaxPivots) {
-    inside_.clear();
-    for (Eigen::Index i = 0; i < n; ++i) {
-      if (at_[i] == At::inside) inside_.push_back(static_cast<std::int32_t>(i));
-      if (at_[i] != At::inside) l[i] = at_[i] == At::low ? low[i] : high[i];
-    }
-    if (!solve_inside(g, r, l)) break;
-    wrong_.clear();
-    for (Eigen::Index i = 0; i < n; ++i) {
-      const double root = std::sqrt(g(i, i)), noise = kNoise * scale;
-      should_[i] = at_[i];
-      if (at_[i] == At::inside) {
-        if ((l[i] - low[i]) * root < -noise) should_[i] = At::low;
-        if ((l[i] - high[i]) * root > noise) should_[i] = At::high;
-      } else if (low[i] < high[i]) {
-        const double slope = (g.col(i).dot(l) + r[i]) / root;
-        if (at_[i] == At::low ? slope < -noise : slope > noise) should_[i] = At::inside;
-      }
-      if (should_[i] != at_[i]) wrong_.push_back(static_cast<std::int32_t>(i));
-    }
-    stats.settled = wrong_.empty();
-    if (stats.settled) break;
-    const bool fewer = wrong_.size() < fewest;
-    if (fewer) {
-      fewest = wrong_.size();
-      patience = kPatience;
-    }
-    if (fewer || patience-- > 0) {
-      for (const std::int32_t i : wrong_) at_[i] = should_[i];
-    } else {
-      at_[wrong_.back()] = should_[wrong_.back()];
-    }
-  }
+  noise_ = kNoise * scale;
+  stats.settled = pivot_blocks(g, r, low, high, l, stats.pivots);
   if (!stats.settled) {
-    // Rounding keeps it from settling: the sweeps lower the objective whatever happens.
     l.setZero();
     for (int i = 0; i < kFallbackSweeps; ++i) sweep(g, r, low, high, l);
     stats.sweeps += kFallbackSweeps;
+    stats.settled = pivot_singly(g, r, low, high, l, stats.pivots);
   }
   l = l.cwiseMax(low).cwiseMin(high);
   return stats;
+}
+
+/// At a bound: by how much its slope pulls inwards, in units of r / sqrt(diag).
+double DualPgs::inward(const Eigen::Ref<const Eigen::MatrixXd>& g,
+                       const Eigen::Ref<const Eigen::VectorXd>& r,
+                       const Eigen::Ref<const Eigen::VectorXd>& l, std::int32_t i) const {
+  const double slope = (g.col(i).dot(l) + r[i]) / std::sqrt(g(i, i));
+  return at_[i] == At::low ? -slope : slope;
+}
+
+bool DualPgs::pivot_blocks(const Eigen::Ref<const Eigen::MatrixXd>& g,
+                           const Eigen::Ref<const Eigen::VectorXd>& r,
+                           const Eigen::Ref<const Eigen::VectorXd>& low,
+                           const Eigen::Ref<const Eigen::VectorXd>& high,
+                           Eigen::Ref<Eigen::VectorXd> l, int& pivots) {
+  const auto n = static_cast<std::int32_t>(r.size());
+  std::int32_t fewest = n + 1;
+  for (int patience = kPatience; patience > 0; --patience) {
+    ++pivots;
+    inside_.clear();
+    for (std::int32_t i = 0; i < n; ++i) {
+      if (at_[i] == At::inside) inside_.push_back(i);
+      if (at_[i] != At::inside) l[i] = at_[i] == At::low ? low[i] : high[i];
+    }
+    if (!solve_inside(g, r, l)) return false;
+    std::int32_t wrong = 0;
+    for (std::int32_t i = 0; i < n; ++i) {
+      should_[i] = at_[i];
+      if (at_[i] == At::inside) {
+        const double root = std::sqrt(g(i, i));
+        if ((low[i] - l[i]) * root > noise_) should_[i] = At::low;
+        if ((l[i] - high[i]) * root > noise_) should_[i] = At::high;
+      } else if (low[i] < high[i] && inward(g, r, l, i) > noise_) {
+        should_[i] = At::inside;
+      }
+      wrong += should_[i] != at_[i];
+    }
+    if (wrong == 0) return true;
+    if (wrong < fewest) patience = kPatience;
+    fewest = std::min(fewest, wrong);
+    std::copy_n(should_.begin(), n, at_.begin());
+  }
+  return false;
+}
+
+bool DualPgs::pivot_singly(const Eigen::Ref<const Eigen::MatrixXd>& g,
+                           const Eigen::Ref<const Eigen::VectorXd>& r,
+                           const Eigen::Ref<const Eigen::VectorXd>& low,
+                           const Eigen::Ref<const Eigen::VectorXd>& high,
+                           Eigen::Ref<Eigen::VectorXd> l, int& pivots) {
+  const auto n = static_cast<std::int32_t>(r.size());
+  for (std::int32_t i = 0; i < n; ++i) {
+    at_[i] = l[i] <= low[i] ? At::low : l[i] >= high[i] ? At::high : At::inside;
+  }
+  for (int pivot = 0; pivot < kMaxPivots; ++pivot, ++pivots) {
+    inside_.clear();
+    for (std::int32_t i = 0; i < n; ++i) {
+      if (at_[i] == At::inside) inside_.push_back(i);
+    }
+    before_.head(n) = l;
+    if (!solve_inside(g, r, l)) return false;
+    double way = 1.0;
+    std::int32_t first = -1;
+    for (const std::int32_t i : inside_) {
+      const double step = l[i] - before_[i], bound = step > 0.0 ? high[i] : low[i];
+      if (step == 0.0 || (bound - before_[i]) / step >= way) continue;
+      way = (bound - before_[i]) / step;
+      first = i;
+    }
+    l = before_.head(n) + way * (l - before_.head(n));
+    if (first >= 0) {
+      at_[first] = l[first] - low[first] < high[first] - l[first] ? At::low : At::high;
+      l[first] = at_[first] == At::low ? low[first] : high[first];
+      continue;
+    }
+    double most = noise_;
+    for (std::int32_t i = 0; i < n; ++i) {
+      if (at_[i] == At::inside || !(low[i] < high[i])) continue;
+      const double pull = inward(g, r, l, i);
+      if (pull <= most) continue;
+      most = pull;
+      first = i;
+    }
+    if (first < 0) return true;
+    at_[first] = At::inside;
+  }
+  return false;
 }
 
 RowSolver::RowSolver(const IkTree& tree, std::size_t capacity)

@@ -32,10 +32,24 @@ class DualPgs {
   enum class At : std::int8_t { low, inside, high };
   bool solve_inside(const Eigen::Ref<const Eigen::MatrixXd>& g,
                     const Eigen::Ref<const Eigen::VectorXd>& r, Eigen::Ref<Eigen::VectorXd> l);
+  double inward(const Eigen::Ref<const Eigen::MatrixXd>& g,
+                const Eigen::Ref<const Eigen::VectorXd>& r,
+                const Eigen::Ref<const Eigen::VectorXd>& l, std::int32_t i) const;
+  bool pivot_blocks(const Eigen::Ref<const Eigen::MatrixXd>& g,
+                    const Eigen::Ref<const Eigen::VectorXd>& r,
+                    const Eigen::Ref<const Eigen::VectorXd>& low,
+                    const Eigen::Ref<const Eigen::VectorXd>& high, Eigen::Ref<Eigen::VectorXd> l,
+                    int& pivots);
+  bool pivot_singly(const Eigen::Ref<const Eigen::MatrixXd>& g,
+                    const Eigen::Ref<const Eigen::VectorXd>& r,
+                    const Eigen::Ref<const Eigen::VectorXd>& low,
+                    const Eigen::Ref<const Eigen::VectorXd>& high, Eigen::Ref<Eigen::VectorXd> l,
+                    int& pivots);
 
   Eigen::MatrixXd factor_;
-  Eigen::VectorXd part_;
-  std::vector<std::int32_t> inside_, wrong_;
+  Eigen::VectorXd part_, before_;
+  std::vector<std::int32_t> inside_;
+  double noise_ = 0.0;
   std::vector<At> at_, should_;
 };
 

@@ -35,7 +35,7 @@ constexpr double kHeld = 1e-7;      // m, m/rad: what counts as held
 constexpr double kCoupled = 1e-6;   // rad, m
 constexpr double kSpeed = 1e-6;     // rad, m
 constexpr double kTouching = 1e-5;  // m
-constexpr double kSight = 0.015;    // m: contacts farther apart wait for the next relinearisation
+constexpr double kSight = 0.03;     // m: contacts farther apart wait for the next relinearisation
 
 bool is_axial(EffectorKind kind) {
   return kind == EffectorKind::direction || kind == EffectorKind::line;

@@ -224,22 +224,27 @@ RowSolver::RowSolver(const IkTree& tree, std::size_t capacity)
   sum_.setZero(tree.coordinate_count());
 }
 
-/// One more row or wall; false where it finds no room or nothing that moves. `slack` is what the
-/// step, with all that has been applied to it, leaves.
-bool RowSolver::add(TreeElimination& elimination, const Row& row, double slack, double low,
-                    double high) {
-  const Eigen::Index a = count_;
+/// A row or wall in place `a`, behind the others or of one that does not press; false where it
+/// finds no room or nothing that moves. `slack` is what the step, with all that has been applied to
+/// it, leaves.
+bool RowSolver::add(TreeElimination& elimination, Eigen::Index a, const Row& row, double slack,
+                    double low, double high) {
   if (a == g_.cols()) return false;
   elimination.respond(row, half_.col(a));
-  for (Eigen::Index b = 0; b <= a; ++b) g_(a, b) = g_(b, a) = half_.col(a).dot(half_.col(b));
-  if (row.hard() && g_(a, a) < kUnmoved) return false;
-  r_[a] = slack - g_.row(a).head(a).dot(applied_.head(a));
+  const Eigen::Index n = std::max(a + 1, count_);
+  if (row.hard() && half_.col(a).squaredNorm() < kUnmoved) {
+    if (a == count_) return false;
+    half_.col(a).setZero();  // a place in use stays in use, for nothing
+  }
+  for (Eigen::Index b = 0; b < n; ++b) g_(a, b) = g_(b, a) = half_.col(a).dot(half_.col(b));
+  if (g_(a, a) == 0.0) g_(a, a) = 1.0;
+  applied_[a] = 0.0;
+  r_[a] = slack - g_.col(a).head(n).dot(applied_.head(n));
   g_(a, a) += row.compliance;
   low_[a] = low;
   high_[a] = high;
   lambda_[a] = row.lambda;
-  applied_[a] = 0.0;
-  ++count_;
+  count_ = n;
   return true;
 }
 
@@ -248,7 +253,7 @@ bool RowSolver::add_row(TreeElimination& elimination, std::span<const Row> rows,
   const Row& row = rows[i];
   const double slack = row.rate(elimination.node_twist(), step) + row.value;
   const double high = row.hard() ? most : kInfinity;
-  if (!add(elimination, row, slack, row.one_sided ? 0.0 : -high, high)) return false;
+  if (!add(elimination, count_, row, slack, row.one_sided ? 0.0 : -high, high)) return false;
   lambda_[count_ - 1] = std::clamp(row.lambda, low_[count_ - 1], high);
   chosen_[count_ - 1] = static_cast<std::int32_t>(i);
   acts_[i] = 1;
@@ -260,8 +265,14 @@ bool RowSolver::add_wall(TreeElimination& elimination, const Row::Term& first,
                          const Row::Term& second, double room) {
   Row wall;
   wall.terms = {first, second};
-  if (!add(elimination, wall, room, 0.0, kInfinity)) return false;
-  chosen_[count_ - 1] = -1;
+  // A swing's tangents replace those of its own that press no more.
+  const std::int32_t name = second.node < 0 ? -1 : -2 - second.node;
+  Eigen::Index a = count_;
+  for (Eigen::Index b = 0; b < count_ && name != -1 && a == count_; ++b) {
+    if (chosen_[b] == name && applied_[b] == 0.0) a = b;
+  }
+  if (!add(elimination, a, wall, room, 0.0, kInfinity)) return false;
+  chosen_[a] = name;
   return true;
 }
 

@@ -89,12 +89,12 @@ class RowSolver {
   bool add_side(TreeElimination&, std::int32_t node, std::int32_t coordinate, double side,
                 double room);
   bool add_walls(TreeElimination&, const Eigen::VectorXd& x, const Eigen::VectorXd& step);
-  bool add(TreeElimination&, const Row&, double slack, double low, double high);
+  bool add(TreeElimination&, Eigen::Index place, const Row&, double slack, double low, double high);
 
   const IkTree& tree_;
   RowPush push_;
   DualPgs pgs_;
-  std::vector<std::int32_t> chosen_;  ///< [acting] row, or -1: a wall
+  std::vector<std::int32_t> chosen_;  ///< [acting] row; -1: a range; -2 - node: a tangent
   std::vector<std::uint8_t> acts_;    ///< [row]
   std::vector<std::uint8_t> walled_;  ///< [2 coordinate + (minimum)] it acts
   Eigen::Index count_ = 0;            ///< acting rows and walls

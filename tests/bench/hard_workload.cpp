@@ -157,7 +157,8 @@ Clip make_source(const Rig& body, std::int64_t frames, double rate_hz, std::mt19
       }
     }
     fists.close(rig, t, pose);
-    solver->solve(targets, pose);
+    // The first frame starts at rest, far away: it is solved until it stays.
+    for (int i = 0; i < (f == 0 ? 20 : 1); ++i) solver->solve(targets, pose);
     clip.parent_from_joint.insert(clip.parent_from_joint.end(), pose.begin(), pose.end());
   }
   return clip;

@@ -301,6 +301,8 @@ void IkSolver::State::descend(IkReport& report) {
   report.converged = done(at_now, rows_now);
   if (report.converged || tree.nodes.empty()) return;
   elimination.reset(now.x);
+  // Rows bend, which the model leaves out: undamped, it would wander where the cost is flat.
+  const double least = rows.none() ? kLeastDamping : options.damping;
   double damping = options.damping, growth = 2.0;
   bool curved = false;
   while (!report.converged && report.relinearisations < options.max_relinearisations) {
@@ -323,7 +325,7 @@ void IkSolver::State::descend(IkReport& report) {
       if (fell) {
         const double agreement = predicted > 0.0 ? fall / predicted : 1.0;
         const double cube = std::pow(2.0 * agreement - 1.0, 3);
-        damping = std::max(kLeastDamping, damping * std::max(kShrink, 1.0 - cube));
+        damping = std::max(least, damping * std::max(kShrink, 1.0 - cube));
         growth = 2.0;
         const bool level =
             fall < options.stop_cost_decrease * at_now.cost && rows_next.worst <= 1.0;

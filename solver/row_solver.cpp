@@ -237,10 +237,10 @@ bool RowSolver::add(TreeElimination& elimination, Eigen::Index a, const Row& row
     half_.col(a).setZero();  // a place in use stays in use, for nothing
   }
   for (Eigen::Index b = 0; b < n; ++b) g_(a, b) = g_(b, a) = half_.col(a).dot(half_.col(b));
-  if (g_(a, a) == 0.0) g_(a, a) = 1.0;
   applied_[a] = 0.0;
   r_[a] = slack - g_.col(a).head(n).dot(applied_.head(n));
   g_(a, a) += row.compliance;
+  if (g_(a, a) == 0.0) g_(a, a) = 1.0;
   low_[a] = low;
   high_[a] = high;
   lambda_[a] = row.lambda;

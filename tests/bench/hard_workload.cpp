@@ -17,6 +17,8 @@ using Eigen::Vector3d;
 
 constexpr double kDegree = M_PI / 180.0;
 constexpr double kPress = 0.006;  // m, of the right hand into the left one
+constexpr int kFirstSolves = 150;
+constexpr double kFingerSpeed = 0.4;  // rad/s, a little less than the source's fastest
 
 /// A sum of three slow waves of at most `size`.
 class Wave {
@@ -124,7 +126,8 @@ Clip make_source(const Rig& body, std::int64_t frames, double rate_hz, std::mt19
   std::erase_if(rig.effectors, [](const RigEffector& e) {
     return e.name.ends_with("_tip") && !e.name.ends_with("toe_tip");
   });
-  const Wave3 sway(engine, 0.03), reach(engine, 0.06), nod(engine, 0.15);
+  for (const char* hand : {"l_hand", "r_hand"}) effector_of(rig, hand).weight_rot = 0.3;
+  const Wave3 sway(engine, 0.02), reach(engine, 0.05), nod(engine, 0.15);
   const Fists fists(engine);
   Clip clip;
   clip.rate_hz = rate_hz;
@@ -141,10 +144,10 @@ Clip make_source(const Rig& body, std::int64_t frames, double rate_hz, std::mt19
     for (std::size_t e = 0; e < targets.size(); ++e) {
       const std::string& name = rig.effectors[e].name;
       EffectorTarget& target = targets[e];
-      const Vector3d middle = Vector3d(0.0, 1.18, 0.36) + sway.at(t) + reach.at(t);
+      const Vector3d middle = Vector3d(0.0, 1.12, 0.36) + sway.at(t) + reach.at(t);
       if (name == "pelvis" || name == "head") {
         target.pose =
-            DualQuaternion::from_translation(sway.at(t) - Vector3d(0, 0.04, 0)) * target.pose;
+            DualQuaternion::from_translation(sway.at(t) - Vector3d(0, 0.09, 0)) * target.pose;
       } else if (name == "l_hand") {
         target.pose = hand_pose(1.0, middle, 0.03);
       } else if (name == "r_hand") {
@@ -173,6 +176,12 @@ void add_rows(Rig& rig) {
     }
   }
   effector_of(rig, "r_hand").relative_to = joint_of(rig, "leftHand");
+  // A finger that slips off another one snaps to its next rest: it is to take its time.
+  for (RigJoint& joint : rig.joints) {
+    bool finger = joint.role.find("Thumb") != std::string::npos;
+    for (const char* name : kFingers) finger = finger || joint.role.find(name) != std::string::npos;
+    if (finger) joint.max_speed = kFingerSpeed;
+  }
 }
 
 }  // namespace
@@ -195,6 +204,7 @@ HardWorkload make_hard_workload(const Rig& body, std::int64_t frames, unsigned s
   work.tree_options.stop_at_tolerance = false;
   work.options = work.tree_options;
   work.options.collision = true;
+  work.options.dt = 1.0 / work.rate_hz;
   const Skeleton skeleton = skeleton_of(body);
   const std::int32_t left = joint_of(body, "leftHand");
   Pose world(body.joints.size());
@@ -222,6 +232,8 @@ HardRun run_hard_workload(const HardWorkload& work, bool with_rows) {
   run.clip.joints = rig.size();
   Pose pose(work.source.frame(0).begin(), work.source.frame(0).end());
   for (std::size_t f = 0; f < targets.size(); ++f) {
+    // The first frame leaves the source's, as far as fingers may go at a time, until it stays.
+    for (int i = 0; f == 0 && i < kFirstSolves; ++i) solver->solve(targets[0], pose);
     const auto start = std::chrono::steady_clock::now();
     run.reports.push_back(solver->solve(targets[f], pose));
     const auto end = std::chrono::steady_clock::now();

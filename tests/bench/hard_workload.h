@@ -20,7 +20,7 @@ struct HardWorkload {
   Clip source;
 
   /// Eight couplings (each finger's last joint bends by 2/3 of the one before), the right hand's
-  /// target in the left hand's space, capsules apart.
+  /// target in the left hand's space, capsules apart, finger joints no faster than 0.4 rad/s.
   Rig rig;
   std::vector<std::vector<EffectorTarget>> targets;  ///< [frame][effector]
   IkOptions options;

@@ -350,8 +350,9 @@ TEST(Capsules, FingersStopWhereTheyTouch) {
     rig.effectors[i].offset = {0.3, 0, 0};
     rig.effectors[i].kind = EffectorKind::position;
   }
-  std::vector<EffectorTarget> targets{{.pose = DualQuaternion::from_translation({0.28, 0.125, 0})},
-                                      {.pose = DualQuaternion::from_translation({0.28, -0.075, 0})}};
+  std::vector<EffectorTarget> targets{
+      {.pose = DualQuaternion::from_translation({0.28, 0.125, 0})},
+      {.pose = DualQuaternion::from_translation({0.28, -0.075, 0})}};
   Pose pose = rest_pose(rig);
   const IkReport report =
       make(rig, {.stop_at_tolerance = false, .collision = true}).solve(targets, pose);

@@ -35,6 +35,8 @@ Json joint_json(const RigJoint& joint, std::int32_t dof_index) {
     out["limits"] = Json::array();
     for (int k = 0; k < axes; ++k) out["limits"].push_back(range_json(joint.limits[k]));
   }
+  if (joint.weight != 1.0) out["weight"] = joint.weight;
+  if (joint.max_speed > 0.0) out["max_speed"] = joint.max_speed;
   if (!joint.citation.empty()) out["citation"] = joint.citation;
   for (const Capsule& c : joint.capsules) {
     out["capsules"].push_back(
@@ -55,6 +57,8 @@ Json effector_json(const RigEffector& effector) {
   out["strong"] = effector.strong;
   out["weight_pos"] = effector.weight_pos;
   out["weight_rot"] = effector.weight_rot;
+  if (effector.relative_to != kNoJoint) out["relative_to"] = effector.relative_to;
+  if (effector.priority != 0) out["priority"] = effector.priority;
   return out;
 }
 
@@ -82,6 +86,9 @@ std::string write_rig_json(const Rig& rig) {
   }
   for (const Coupling& coupling : rig.couplings)
     out["couplings"].push_back(coupling_json(coupling));
+  for (const CollisionPair& pair : rig.collisions) {
+    out["collisions"].push_back({pair.joint_a, pair.joint_b});
+  }
   return out.dump(1, ' ', false, Json::error_handler_t::replace) + "\n";
 }
 

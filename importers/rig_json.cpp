@@ -14,6 +14,7 @@ namespace {
 
 constexpr const char* kCode = "rig-json";
 constexpr std::int64_t kMaxJoints = 65536;
+constexpr std::int64_t kMaxPriority = 255;
 
 template <class Enum>
 Enum read_enum(const JsonView& view, std::initializer_list<Enum> values) {
@@ -117,7 +118,8 @@ std::string read_citation(const JsonView& view, const std::map<std::string, std:
 RigJoint read_rig_joint(const JsonView& view, const Rig& rig, std::int64_t& dof_index,
                         const std::map<std::string, std::string>& citations) {
   view.only({"name", "parent", "type", "role", "offset", "rest", "axes", "limits", "dof",
-             "dof_index", "twist_swing", "capsule", "capsules", "citation", "citations"});
+             "dof_index", "twist_swing", "capsule", "capsules", "weight", "max_speed", "citation",
+             "citations"});
   RigJoint joint;
   joint.name = view.at("name").string();
   if (joint.name.empty()) view.at("name").complain("a name is expected");
@@ -141,6 +143,14 @@ RigJoint read_rig_joint(const JsonView& view, const Rig& rig, std::int64_t& dof_
       joint.capsules.push_back(read_capsule((*capsules)[i]));
     }
   }
+  if (const auto weight = view.find("weight")) {
+    joint.weight = weight->number();
+    if (!(joint.weight > 0.0)) weight->complain("a weight above zero is expected");
+  }
+  if (const auto speed = view.find("max_speed")) {
+    joint.max_speed = speed->number();
+    if (joint.max_speed < 0.0) speed->complain("a speed is at least zero");
+  }
   joint.citation = read_citation(view, citations);
   const std::int32_t dof = dof_count(joint.type);
   if (const auto given = view.find("dof")) given->integer(dof, dof);
@@ -150,7 +160,8 @@ RigJoint read_rig_joint(const JsonView& view, const Rig& rig, std::int64_t& dof_
 }
 
 RigEffector read_effector(const JsonView& view, const Rig& rig) {
-  view.only({"name", "joint", "offset", "kind", "axis", "strong", "weight_pos", "weight_rot"});
+  view.only({"name", "joint", "offset", "kind", "axis", "strong", "weight_pos", "weight_rot",
+             "relative_to", "priority"});
   RigEffector effector;
   effector.name = view.at("name").string();
   if (effector.name.empty()) view.at("name").complain("a name is expected");
@@ -178,6 +189,15 @@ RigEffector read_effector(const JsonView& view, const Rig& rig) {
   };
   read_weight("weight_pos", effector.weight_pos);
   read_weight("weight_rot", effector.weight_rot);
+  if (const auto base = view.find("relative_to")) {
+    effector.relative_to = read_joint(*base, rig);
+    if (effector.relative_to == effector.joint) {
+      base->complain("an effector cannot be relative to its own joint");
+    }
+  }
+  if (const auto priority = view.find("priority")) {
+    effector.priority = static_cast<std::int32_t>(priority->integer(0, kMaxPriority));
+  }
   return effector;
 }
 
@@ -186,8 +206,10 @@ Coupling read_coupling(const JsonView& view, const Rig& rig) {
   Coupling coupling;
   const auto read_dof = [&](const char* key, std::int32_t joint) {
     const auto given = view.find(key);
-    const std::int32_t count = dof_count(rig.joints[joint].type);
-    if (count == 0) view.complain(fmt::format("joint '{}' does not move", rig.joints[joint].name));
+    const std::int32_t count = coupled_dof_count(rig.joints[joint]);
+    if (count == 0) {
+      view.complain(fmt::format("joint '{}' has no coordinate to couple", rig.joints[joint].name));
+    }
     return given ? static_cast<std::int32_t>(given->integer(0, count - 1)) : 0;
   };
   coupling.from_joint = read_joint(view.at("from_joint"), rig);
@@ -200,6 +222,13 @@ Coupling read_coupling(const JsonView& view, const Rig& rig) {
   if (const auto ratio = view.find("ratio")) coupling.ratio = ratio->number();
   if (const auto offset = view.find("offset")) coupling.offset = offset->number();
   return coupling;
+}
+
+CollisionPair read_collision(const JsonView& view, const Rig& rig) {
+  view.array_of(2);
+  const CollisionPair pair{read_joint(view[0], rig), read_joint(view[1], rig)};
+  if (pair.joint_a == pair.joint_b) view.complain("a joint cannot collide with itself");
+  return pair;
 }
 
 std::map<std::string, std::string> read_known_citations(const JsonView& root) {
@@ -218,7 +247,7 @@ std::map<std::string, std::string> read_known_citations(const JsonView& root) {
 
 Rig read_rig(const JsonView& root) {
   root.only({"$schema", "format", "name", "description", "ndof", "joints", "effectors", "couplings",
-             "citations"});
+             "collisions", "citations"});
   if (root.at("format").string() != "ikrig/1") {
     root.at("format").complain("the format is not 'ikrig/1'");
   }
@@ -243,6 +272,11 @@ Rig read_rig(const JsonView& root) {
   if (const auto couplings = root.find("couplings")) {
     for (std::size_t i = 0; i < couplings->array().size(); ++i) {
       rig.couplings.push_back(read_coupling((*couplings)[i], rig));
+    }
+  }
+  if (const auto collisions = root.find("collisions")) {
+    for (std::size_t i = 0; i < collisions->array().size(); ++i) {
+      rig.collisions.push_back(read_collision((*collisions)[i], rig));
     }
   }
   return rig;

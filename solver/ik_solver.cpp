@@ -18,6 +18,11 @@
 // leave open is pulled to an anchor, the last answer and kCalm of its speed: a free swivel coasts
 // to rest instead of oscillating about the middle of its range.
 //
+//
+// Rows that join branches (rows.cpp) enter the linear problem (row_solver.cpp). Soft ones belong to
+// f. Hard ones join what must fall as nu times their violation beyond tolerance, an exact penalty:
+// nu exceeds their multipliers, so that its minimum obeys them wherever they can be obeyed.
+//
 // pgs_paper is paper_ik.cpp.
 #include "solver/ik_solver.h"
 
@@ -28,6 +33,9 @@
 #include "solver/jacobian.h"
 #include "solver/paper_ik.h"
 #include "solver/pgs.h"
+#include "solver/row_solver.h"
+#include "solver/rows.h"
+#include "solver/speed_limits.h"
 #include "solver/tree_elimination.h"
 
 namespace limber {
@@ -40,9 +48,12 @@ constexpr double kEase = 5e-4;   // of the way to the middle of its range, per r
 constexpr int kUnwinds = 3;      // a third, two thirds, all of the way to the middle
 constexpr double kWoundCost = 0.05 * 0.05;  // m^2; a worse miss is a target out of reach
 constexpr double kCalm = 0.9;  // of the speed that the targets leave open, kept from frame to frame
-constexpr double kSlide =
-    0.02;  // of a step: how far a swing's touching point may be out, in its turn
-constexpr double kStalling = 0.7;  // a relative fall below this asks for the errors' curvature
+constexpr double kSlide = 0.02;    // of a step: what a swing's touching point may be out by
+constexpr double kMostPush = 1e4;  // of a hard row, per root of the cost
+constexpr int kBends = 2, kSettles = 10;
+constexpr double kSettleDamping = 1.0;  // of the least step
+constexpr double kPenalty = 1.5;        // of the largest multiplier
+constexpr double kStalling = 0.7;       // a relative fall below this asks for the errors' curvature
 
 }  // namespace
 
@@ -50,7 +61,7 @@ struct IkSolver::State {
   State(const Rig& source, const IkOptions& chosen)
       : rig(source),
         options(chosen),
-        tree(source),
+        tree(source, chosen.collision),
         elimination(tree),
         goals(tree.effectors.size()),
         now(tree.make_state()),
@@ -62,7 +73,13 @@ struct IkSolver::State {
         at_now(tree.make_kinematics()),
         at_next(at_now),
         load(tree.nodes.size()),
+        rows(source, tree, chosen),
+        rows_now(rows.make_place()),
+        rows_next(rows_now),
+        row_solver(tree, rows.none() ? 0 : rows.capacity()),
+        speed(source, tree, chosen.dt),
         step(Eigen::VectorXd::Zero(tree.coordinate_count())) {
+    rows_next.rows.reserve(rows_now.rows.capacity());
     for (const IkNode& node : tree.nodes) {
       if (node.ellipse) ellipses.push_back({node.coordinate, node.swing});
     }
@@ -75,19 +92,31 @@ struct IkSolver::State {
   }
 
   bool reached(const IkKinematics&) const;
-  bool done(const IkKinematics& k) const {
-    return k.cost <= options.stop_cost || (options.stop_at_tolerance && reached(k));
+  bool done(const IkKinematics& k, const RowPlace& place) const {
+    if (place.worst > 1.0) return false;
+    return k.cost <= options.stop_cost ||
+           (options.stop_at_tolerance && place.reached && reached(k));
   }
+  void evaluate(const IkState&, IkKinematics&, RowPlace&);
   void linearise(bool curved = false);
   double measure_residual(double damping);
   double predicted_fall(double damping) const;
   EliminationStats solve_linear(double damping, IkReport&);
+  EliminationStats solve_rows(double damping, IkReport&);
+  double predicted_row_fall() const;
+  void bend_step(double damping, IkReport&);
+  void settle_rows(IkReport&);
+  double merit(const IkKinematics& k, const RowPlace& place) const {
+    return k.cost + 2.0 * penalty * place.excess;
+  }
+  void carry_multipliers();
   void descend(IkReport&, bool following = false);
   void remember();
   void extrapolate();
   IkReport solve_paper(std::span<const EffectorTarget>, std::span<DualQuaternion>);
   void restart(int attempt);
   void solve_with_restarts(IkReport&);
+  void solve_levels(std::span<const EffectorTarget>, IkReport&);
 
   Rig rig;
   IkOptions options;
@@ -102,6 +131,11 @@ struct IkSolver::State {
   std::vector<DualQuaternion> outside;  ///< [joint] where that is no node: as last given
   IkKinematics at_now, at_next;
   EffectorLoad load;
+  IkRows rows;
+  RowPlace rows_now, rows_next;
+  RowSolver row_solver;
+  SpeedLimits speed;
+  double penalty = 0.0;
   Eigen::VectorXd step, wish, anchor, start, gradient, diagonal, end;
   std::optional<PaperIk> paper;  ///< pgs_paper: all of it
 };
@@ -117,8 +151,16 @@ bool IkSolver::State::reached(const IkKinematics& k) const {
   return true;
 }
 
+void IkSolver::State::evaluate(const IkState& state, IkKinematics& k, RowPlace& place) {
+  tree.evaluate(state, goals, k);
+  if (rows.none()) return;
+  rows.build(state, k, place);
+  k.cost += place.cost;
+}
+
 void IkSolver::State::linearise(bool curved) {
   tree.linearise(now, at_now);
+  if (!rows.none()) rows.anchor(at_now, rows_now);
   effector_load(tree, goals, at_now, load, curved);
 }
 
@@ -129,6 +171,7 @@ double IkSolver::State::measure_residual(double damping) {
   const auto twist = elimination.node_twist();
   for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
     load.pull[n] = load.inertia[n] * twist[n] - load.pull[n];
+    if (!rows.none()) load.pull[n] -= row_solver.push().wrench[n];
   }
   for (std::size_t n = tree.nodes.size(); n-- > 0;) {
     const IkNode& node = tree.nodes[n];
@@ -137,6 +180,7 @@ double IkSolver::State::measure_residual(double damping) {
       const Vector6& axis = at_now.axis[k];
       const double armature = damping * tree.damping[k];
       gradient[k] = axis.dot(load.pull[n]) + armature * (step[k] - wish[k]);
+      if (!rows.none()) gradient[k] -= row_solver.push().force[k];
       diagonal[k] = axis.dot(load.inertia[n] * axis) + armature;
       if (!curved) continue;
       const Vector6 turned = 0.5 * turn_of_pull(axis, load.outer_pull[n]);
@@ -167,14 +211,98 @@ double IkSolver::State::measure_residual(double damping) {
 /// What the model of the last step says the cost will fall by.
 double IkSolver::State::predicted_fall(double damping) const {
   const auto twist = elimination.node_twist();
-  if (!load.curved) return at_now.cost - predicted_cost(tree, goals, at_now, twist);
+  if (!load.curved) {
+    return at_now.cost - rows_now.cost - predicted_cost(tree, goals, at_now, twist) +
+           predicted_row_fall();
+  }
   double fall = damping * step.cwiseProduct(step - wish).dot(tree.damping);
   for (std::size_t n = 0; n < tree.nodes.size(); ++n) fall += load.pull[n].dot(twist[n]);
+  for (const Row& row : rows_now.rows) fall -= row.lambda * row.rate(twist, step);
+  return fall + predicted_row_fall();
+}
+
+/// The part of the rows, soft and hard, in what the merit will fall by.
+double IkSolver::State::predicted_row_fall() const {
+  double fall = 0.0;
+  for (const Row& row : rows_now.rows) {
+    const double before = row.value, after = before + row.rate(elimination.node_twist(), step);
+    fall += row.hard() ? 2.0 * penalty * (row.excess(before) - row.excess(after))
+                       : (before * before - after * after) / row.compliance;
+  }
   return fall;
+}
+
+/// rows_next become rows_now; those that were there already start from the multipliers they had.
+void IkSolver::State::carry_multipliers() {
+  auto old = rows_now.rows.begin();
+  for (Row& row : rows_next.rows) {
+    while (old != rows_now.rows.end() && old->id < row.id) ++old;
+    const bool same = old != rows_now.rows.end() && old->id == row.id;
+    if (same && old->hard() == row.hard()) row.lambda = old->lambda;
+  }
+  std::swap(rows_now, rows_next);
+}
+
+EliminationStats IkSolver::State::solve_rows(double damping, IkReport& report) {
+  double worst = 0.0;
+  for (const Row& row : rows_now.rows) worst = std::max(worst, row.excess(row.value));
+  const double most = kMostPush * (0.01 + std::sqrt(at_now.cost) + worst);
+  const RowStats stats =
+      row_solver.solve(elimination, now.x, damping, wish, rows_now.rows, most, step);
+  report.sweeps += stats.sweeps;
+  report.active_rows = stats.active;
+  for (const Row& row : rows_now.rows) {
+    if (row.hard()) penalty = std::max(penalty, kPenalty * std::abs(row.lambda));
+  }
+  return stats.tree;
+}
+
+/// Second-order correction (R. Fletcher, Practical Methods of Optimization, 1987, section 14.4):
+/// the same problem, with hard rows asked for what they turned out to lack after the step. Without
+/// it the merit would turn down good steps along curved rows.
+void IkSolver::State::bend_step(double damping, IkReport& report) {
+  for (int i = 0; i < kBends && rows_next.worst > 1.0; ++i) {
+    auto met = rows_next.rows.begin();
+    for (Row& row : rows_now.rows) {
+      if (i == 0) row.place = row.value;
+      while (met != rows_next.rows.end() && met->id < row.id) ++met;
+      if (!row.hard() || met == rows_next.rows.end() || met->id != row.id) continue;
+      row.value = met->value - row.rate(elimination.node_twist(), step);
+    }
+    solve_linear(damping, report);
+    tree.move(now, step, next);
+    evaluate(next, at_next, rows_next);
+  }
+  for (Row& row : rows_now.rows) row.value = row.place;
+}
+
+/// Hard rows first: where the descent ended before they were kept, the least step that keeps them.
+void IkSolver::State::settle_rows(IkReport& report) {
+  for (int i = 0; i < kSettles && rows_now.worst > 1.0; ++i) {
+    linearise();
+    wish.setZero();
+    elimination.linearise(now.x, at_now, load);
+    solve_linear(kSettleDamping, report);
+    tree.move(now, step, next);
+    evaluate(next, at_next, rows_next);
+    if (rows_next.worst >= rows_now.worst) break;
+    carry_multipliers();
+    std::swap(now, next);
+    std::swap(at_now, at_next);
+  }
 }
 
 /// One linear problem, solved; the curved one where it has a minimum.
 EliminationStats IkSolver::State::solve_linear(double damping, IkReport& report) {
+  if (!rows.none()) {
+    EliminationStats stats = solve_rows(damping, report);
+    report.tree_passes += stats.passes;
+    if (stats.definite) return stats;
+    effector_load(tree, goals, at_now, load, false);
+    stats = solve_rows(damping, report);
+    report.tree_passes += stats.passes;
+    return stats;
+  }
   EliminationStats stats = elimination.solve(now.x, damping, wish, step);
   report.tree_passes += stats.passes;
   if (stats.definite) return stats;
@@ -185,11 +313,15 @@ EliminationStats IkSolver::State::solve_linear(double damping, IkReport& report)
 }
 
 void IkSolver::State::descend(IkReport& report, bool following) {
-  tree.evaluate(now, goals, at_now);
+  evaluate(now, at_now, rows_next);
+  carry_multipliers();
+  penalty = 0.0;
   if (tree.nodes.empty()) return;
-  report.converged = !following && done(at_now);
+  report.converged = !following && done(at_now, rows_now);
   if (report.converged) return;
   if (!following) elimination.reset(now.x);
+  // Rows bend, which the model leaves out: undamped, it would wander where the cost is flat.
+  const double least = rows.none() ? kLeastDamping : options.damping;
   double damping = following ? settled_damping : options.damping, growth = 2.0;
   bool curved = false;
   while (!report.converged && report.relinearisations < options.max_relinearisations) {
@@ -204,19 +336,21 @@ void IkSolver::State::descend(IkReport& report, bool following) {
       tried = damping;
       const EliminationStats stats = solve_linear(damping, report);
       tree.move(now, step, next);
-      tree.evaluate(next, goals, at_next);
-      const double fall = at_now.cost - at_next.cost;
+      evaluate(next, at_next, rows_next);
+      const double predicted = predicted_fall(damping);
+      if (rows_next.worst > 1.0) bend_step(damping, report);
+      const double fall = merit(at_now, rows_now) - merit(at_next, rows_next);
       const bool negligible = step.cwiseAbs().maxCoeff() < options.stop_step;
-      fell = fall >= 0.0 || (following && done(at_next));
+      fell = fall >= 0.0 || (following && done(at_next, rows_next));
       if (fell) {
-        const double predicted = predicted_fall(damping);
         const double agreement = predicted > 0.0 ? fall / predicted : 1.0;
         const double cube = std::pow(2.0 * agreement - 1.0, 3);
-        damping = std::max(kLeastDamping, damping * std::max(kShrink, 1.0 - cube));
+        damping = std::max(least, damping * std::max(kShrink, 1.0 - cube));
         growth = 2.0;
-        const bool level = fall < options.stop_cost_decrease * at_now.cost;
-        report.converged =
-            done(at_next) || ((negligible || level) && stats.settled && agreement > 0.25);
+        const bool level =
+            fall < options.stop_cost_decrease * at_now.cost && rows_next.worst <= 1.0;
+        report.converged = done(at_next, rows_next) ||
+                           ((negligible || level) && stats.settled && agreement > 0.25);
         // Errors that stay large have curvature that counts.
         curved = fall < kStalling * at_now.cost;
       } else {
@@ -226,6 +360,12 @@ void IkSolver::State::descend(IkReport& report, bool following) {
         damping *= growth;
         growth *= 2.0;
         report.converged = negligible || damping > kMostDamping;
+        if (!rows.none()) {
+          // Rows held, nothing to gain: done. Else descend straight, without easing.
+          report.converged |= rows_now.worst <= 1.0 && stats.settled &&
+                              predicted < options.stop_cost_decrease * at_now.cost;
+          wish.setZero();
+        }
       }
     }
     if (options.measure_residual &&
@@ -233,10 +373,12 @@ void IkSolver::State::descend(IkReport& report, bool following) {
       report.residual = measure_residual(tried);
     }
     if (!fell) break;
+    carry_multipliers();
     std::swap(now, next);
     std::swap(at_now, at_next);
   }
   settled_damping = std::min(damping, options.damping);
+  settle_rows(report);
 }
 
 /// The answer `now` becomes the last one.
@@ -296,7 +438,7 @@ void IkSolver::State::solve_with_restarts(IkReport& report) {
   descend(report);
   const int unwinds = options.unwind && at_now.cost < kWoundCost ? kUnwinds : 0;
   const int attempts = unwinds + options.restarts;
-  if (attempts == 0 || reached(at_now)) return;
+  if (attempts == 0 || (reached(at_now) && rows_now.reached && rows_now.worst <= 1.0)) return;
   wound = best = now;
   double best_cost = at_now.cost;
   IkReport kept = report;
@@ -313,7 +455,7 @@ void IkSolver::State::solve_with_restarts(IkReport& report) {
     descend(tried);
     report.relinearisations += tried.relinearisations;
     report.tree_passes += tried.tree_passes;
-    const bool there = reached(at_now);
+    const bool there = reached(at_now) && rows_now.reached && rows_now.worst <= 1.0;
     if (there || (!unwinding && at_now.cost < best_cost)) {
       best = now;
       best_cost = at_now.cost;
@@ -324,7 +466,28 @@ void IkSolver::State::solve_with_restarts(IkReport& report) {
   report.residual = kept.residual;
   report.converged = kept.converged;
   std::swap(now, best);
-  tree.evaluate(now, goals, at_now);
+  evaluate(now, at_now, rows_now);
+}
+
+/// One level of priority after the other, each in the null space of those before.
+void IkSolver::State::solve_levels(std::span<const EffectorTarget> targets, IkReport& report) {
+  for (const std::int32_t level : rows.levels()) {
+    rows.aim(targets, level, at_now, goals);
+    IkReport one;
+    solve_with_restarts(one);
+    report.relinearisations += one.relinearisations;
+    report.tree_passes += one.tree_passes;
+    report.sweeps += one.sweeps;
+    report.active_rows = one.active_rows;
+    report.residual = std::max(report.residual, one.residual);
+    report.converged = (level == rows.levels().front() || report.converged) && one.converged;
+  }
+  report.row_violation = 0.0;
+  for (const Row& row : rows_now.rows) {
+    if (row.hard()) report.row_violation = std::max(report.row_violation, row.violation(row.value));
+  }
+  rows.aim_at_all(targets, goals);
+  evaluate(now, at_now, rows_next);  // rows_now keep their multipliers for the next frame
 }
 
 IkSolver::IkSolver(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -335,7 +498,7 @@ IkSolver::~IkSolver() = default;
 Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
   if (Result<void> valid = validate(rig); !valid) return valid.error();
   if (!(options.damping > 0.0) || options.max_relinearisations < 1 || options.sweeps < 1 ||
-      !(options.stop_step >= 0.0) || options.restarts < 0 ||
+      !(options.stop_step >= 0.0) || options.restarts < 0 || !(options.dt >= 0.0) ||
       !(options.relaxation > 0.0 && options.relaxation < 2.0)) {
     return Error{.code = "solver-options",
                  .message =
@@ -343,21 +506,49 @@ Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
                      "relaxation between 0 and 2",
                  .hint = "leave the option out to get its default"};
   }
+  const bool rowed = std::any_of(rig.effectors.begin(), rig.effectors.end(), [](const auto& e) {
+    return e.relative_to != kNoJoint || e.priority != 0;
+  });
+  if (options.method == IkMethod::pgs_paper &&
+      (rowed || !rig.couplings.empty() || options.collision || options.dt > 0.0)) {
+    return Error{.code = "solver-options",
+                 .message =
+                     "pgs-paper has no rows that join branches: no relative effectors, "
+                     "priorities, couplings, collision or speeds",
+                 .hint = "use pgs for this rig"};
+  }
   return IkSolver(std::make_unique<State>(rig, options));
 }
 
+void IkSolver::forget() { state_->rows_now.rows.clear(); }
+
 IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<DualQuaternion> pose) {
+  return solve(targets, pose, pose);
+}
+
+IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<DualQuaternion> pose,
+                         std::span<const DualQuaternion> previous) {
   State& s = *state_;
   s.answers = 0;
   if (s.paper) return s.solve_paper(targets, pose);
   IkReport report;
   s.tree.resolve(targets, s.goals);
+  if (s.speed.any()) {
+    s.tree.load(previous, s.next);
+    s.rows.set_previous(s.next);
+  }
   s.tree.load(pose, s.now);
   s.settled_damping = s.options.damping;
-  s.solve_with_restarts(report);
+  s.speed.narrow(s.next, s.tree, s.now);
+  if (s.rows.none()) {
+    s.solve_with_restarts(report);
+  } else {
+    s.solve_levels(targets, report);
+  }
+  s.speed.widen(s.tree);
   s.remember();
   report.cost = s.at_now.cost;
-  report.reached = s.reached(s.at_now);
+  report.reached = s.rows_next.reached && s.reached(s.at_now);
   if (report.relinearisations == 0) {
     project_into_limits(s.rig, pose);  // what is inside stays bit for bit
   } else {
@@ -379,14 +570,19 @@ IkReport IkSolver::follow(std::span<const EffectorTarget> targets, std::span<Dua
     return s.solve_paper(targets, pose);
   }
   s.start = s.now.x;
-  s.descend(report, true);
-  report.strayed = s.tree.limited.cwiseProduct(s.now.x - s.start).cwiseAbs().maxCoeff();
-  s.remember();
-  report.cost = s.at_now.cost;
-  report.reached = s.reached(s.at_now);
-  for (const std::int32_t joint : s.tree.outside) {
-    pose[joint] = s.outside[joint];
+  if (s.rows.none()) {
+    s.descend(report, true);
+  } else {
+    if (s.speed.any()) s.rows.set_previous(s.last);
+    s.speed.narrow(s.last, s.tree, s.now);
+    s.solve_levels(targets, report);
+    s.speed.widen(s.tree);
   }
+  s.remember();
+  report.strayed = s.tree.limited.cwiseProduct(s.now.x - s.start).cwiseAbs().maxCoeff();
+  report.cost = s.at_now.cost;
+  report.reached = s.rows_next.reached && s.reached(s.at_now);
+  for (const std::int32_t joint : s.tree.outside) pose[joint] = s.outside[joint];
   s.tree.store(s.now, pose);
   return report;
 }
@@ -412,7 +608,10 @@ double effector_cost(const Rig& rig, std::span<const EffectorTarget> targets,
   double cost = 0.0;
   for (std::size_t e = 0; e < rig.effectors.size(); ++e) {
     const IkEffector effector = make_effector(rig.effectors[e], -1, DualQuaternion::identity());
-    const IkGoal goal = make_goal(effector, targets[e]);
+    EffectorTarget target = targets[e];
+    const std::int32_t base = rig.effectors[e].relative_to;
+    if (base != kNoJoint) target.pose = world[base] * target.pose;
+    const IkGoal goal = make_goal(effector, target);
     const DualQuaternion& joint = world[rig.effectors[e].joint];
     IkError error;
     measure_error(effector, goal, joint.rotation(), joint.transform_point(effector.offset), error);

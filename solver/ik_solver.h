@@ -11,9 +11,9 @@
 
 namespace limber {
 
-/// What one effector is pulled to, in world space. `weight` scales the effector's own weights for
-/// this frame (0: absent). For a line, `pose` carries the effector's offset and axis;
-/// a gaze looks at its translation.
+/// What one effector is pulled to, in world space, or in that of the joint the effector is relative
+/// to. `weight` scales the effector's own weights for this frame (0: absent). For a line, `pose`
+/// carries the effector's offset and axis; a gaze looks at its translation.
 struct EffectorTarget {
   DualQuaternion pose;
   double weight = 1.0;
@@ -50,6 +50,10 @@ struct IkOptions {
   bool extrapolate = true;
   /// Fill IkReport::residual. It measures an answer and is no part of finding it.
   bool measure_residual = true;
+  /// pgs: keep the rig's capsules apart (see collision_pairs), within 1e-5 m where it can be done.
+  bool collision = false;
+  /// s between frames: what joints' max_speed needs. 0: speeds are not limited.
+  double dt = 0.0;
 };
 
 struct IkReport {
@@ -61,11 +65,16 @@ struct IkReport {
   bool converged = false;  ///< stopped by tolerance, step or cost, not by the iteration cap
   double strayed = 0.0;    ///< follow: largest coordinate change (rad) from the start to the answer
   bool reached = false;    ///< every strong effector is within the stop tolerances
+  /// Couplings, capsules, speeds and priorities: by how much (m, rad) the worst one is missed.
+  double row_violation = 0.0;
+  int active_rows = 0;  ///< contacts and speeds that press
 };
 
 /// Joint-limited inverse kinematics for one rig. Not thread-safe; one instance per thread.
 class IkSolver {
  public:
+  /// Errors: `rig-invalid`; `solver-options`, also for pgs_paper with what it has no rows for:
+  /// relative effectors, priorities, couplings, collision, speeds.
   static Result<IkSolver> create(const Rig&, const IkOptions& = {});
   IkSolver(IkSolver&&) noexcept;
   IkSolver& operator=(IkSolver&&) noexcept;
@@ -76,6 +85,14 @@ class IkSolver {
   /// found. Allocates nothing.
   IkReport solve(std::span<const EffectorTarget> targets,
                  std::span<DualQuaternion> parent_from_joint);
+  /// The same; `previous` is the pose of the frame before, from which speeds count (without it they
+  /// count from the start).
+  IkReport solve(std::span<const EffectorTarget> targets,
+                 std::span<DualQuaternion> parent_from_joint,
+                 std::span<const DualQuaternion> previous);
+  /// Rows start from the multipliers that the solve before ended with, as the frames of a clip do
+  /// best. This forgets them: call it where a clip begins, so that its answer is its own.
+  void forget();
 
   /// The next frame of a clip: as solve(), but starts from the answers to the calls before, keeps
   /// their active limits and damping, and what the targets leave open goes on calmly. Whatever

@@ -87,18 +87,34 @@ Eigen::Quaterniond swing_twist_motion(double s0, double s1, double twist) {
           swing.w() * m};
 }
 
-}  // namespace
-
-IkTree::IkTree(const Rig& rig) : rig_(rig) {
-  // Which joints carry an effector.
+/// Which joints carry an effector or what rows act on.
+std::vector<char> felt_joints(const Rig& rig, bool collision) {
   std::vector<char> felt(rig.joints.size(), 0);
-  for (const RigEffector& effector : rig.effectors) felt[effector.joint] = 1;
+  for (const RigEffector& effector : rig.effectors) {
+    felt[effector.joint] = 1;
+    if (effector.relative_to != kNoJoint) felt[effector.relative_to] = 1;
+  }
+  for (const Coupling& coupling : rig.couplings) {
+    felt[coupling.from_joint] = felt[coupling.to_joint] = 1;
+  }
+  if (collision) {
+    for (const CollisionPair& pair : collision_pairs(rig)) {
+      felt[pair.joint_a] = felt[pair.joint_b] = 1;
+    }
+  }
   for (std::int32_t i = rig.size() - 1; i >= 0; --i) {
     if (felt[i] && rig.joints[i].parent >= 0) felt[rig.joints[i].parent] = 1;
   }
+  return felt;
+}
+
+}  // namespace
+
+IkTree::IkTree(const Rig& rig, bool collision) : rig_(rig) {
+  const std::vector<char> felt = felt_joints(rig, collision);
   // node_of[i]: the nearest moving joint at or above i; below it everything is rigid.
-  std::vector<std::int32_t> node_of(rig.joints.size(), -1);
-  std::vector<DualQuaternion> node_from_joint(rig.joints.size());
+  node_of.assign(rig.joints.size(), -1);
+  node_from_joint.resize(rig.joints.size());
   for (std::int32_t i = 0; i < rig.size(); ++i) {
     const RigJoint& joint = rig.joints[i];
     if (!felt[i] || joint.type == JointType::fixed) outside.push_back(i);
@@ -114,10 +130,19 @@ IkTree::IkTree(const Rig& rig) : rig_(rig) {
     }
     add_node(joint, i, above, rigid);
     node_of[i] = static_cast<std::int32_t>(nodes.size()) - 1;
+    node_from_joint[i] = DualQuaternion::identity();
   }
   for (const RigEffector& effector : rig.effectors) {
     effectors.push_back(
         make_effector(effector, node_of[effector.joint], node_from_joint[effector.joint]));
+  }
+  // Where no effector pulls, rows alone do: such joints are not eased towards their middle.
+  std::vector<char> pulled(nodes.size(), 0);
+  for (const IkEffector& effector : effectors) {
+    for (std::int32_t n = effector.node; n >= 0 && !pulled[n]; n = nodes[n].parent) pulled[n] = 1;
+  }
+  for (std::size_t n = 0; n < nodes.size(); ++n) {
+    if (!pulled[n]) limited.segment(nodes[n].coordinate, nodes[n].coordinates).setZero();
   }
   children_begin.assign(nodes.size() + 1, 0);
   for (std::size_t n = 0; n < nodes.size(); ++n) {
@@ -158,7 +183,7 @@ void IkTree::add_node(const RigJoint& joint, std::int32_t index, std::int32_t pa
   damping.conservativeResize(count);
   min.tail(node.coordinates).setConstant(-kInfinity);
   max.tail(node.coordinates).setConstant(kInfinity);
-  damping.tail(node.coordinates).setOnes();
+  damping.tail(node.coordinates).setConstant(joint.weight);
   for (int k = 0; k < node.coordinates && k < 3; ++k) {
     const bool boxed = joint.type == JointType::hinge || joint.type == JointType::universal ||
                        (node.chart && k == 2);

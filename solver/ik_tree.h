@@ -13,8 +13,9 @@
 
 namespace limber {
 
-/// The part of a rig that effectors can feel: joints that move and carry an effector somewhere
-/// below them. Fixed joints are folded into the offsets.
+/// The part of a rig that effectors can feel: joints that move and carry an effector, or something
+/// that rows act on (solver/rows.h), somewhere below them. Fixed joints are folded into the
+/// offsets.
 struct IkNode {
   JointType type = JointType::hinge;
   bool chart = false;            ///< ball with limits: coordinates (swing0, swing1, twist)
@@ -44,11 +45,11 @@ struct IkEffector {
 
 /// One effector target, resolved.
 struct IkGoal {
-  Eigen::Vector3d position;
-  Eigen::Quaterniond rotation;
-  Eigen::Vector3d axis;  ///< direction and line: unit, world
-  double mass = 0.0;     ///< (weight * weight_pos)^2
-  double inertia = 0.0;  ///< (weight * 0.1 m/rad * weight_rot)^2
+  Eigen::Vector3d position = Eigen::Vector3d::Zero();
+  Eigen::Quaterniond rotation = Eigen::Quaterniond::Identity();
+  Eigen::Vector3d axis = Eigen::Vector3d::UnitX();  ///< direction and line: unit, world
+  double mass = 0.0;                                ///< (weight * weight_pos)^2
+  double inertia = 0.0;                             ///< (weight * 0.1 m/rad * weight_rot)^2
 };
 
 /// How far one effector is from its goal. Moving by the position error and turning by the rotation
@@ -87,7 +88,8 @@ void measure_error(const IkEffector&, const IkGoal&, const Eigen::Quaterniond& w
 
 class IkTree {
  public:
-  explicit IkTree(const Rig&);
+  /// `collision`: joints with capsules count as felt too.
+  explicit IkTree(const Rig&, bool collision = false);
 
   std::int32_t coordinate_count() const { return static_cast<std::int32_t>(min.size()); }
   IkState make_state() const;
@@ -114,6 +116,8 @@ class IkTree {
   std::vector<IkEffector> effectors;
   std::vector<std::int32_t> children_begin, children;  ///< [node], nodes
   std::vector<std::int32_t> outside;                   ///< joints of the rig that are no node
+  std::vector<std::int32_t> node_of;                   ///< [joint] that it is rigid with, or -1
+  std::vector<DualQuaternion> node_from_joint;         ///< [joint] of felt joints
   Eigen::VectorXd min, max;  ///< [coordinate] box; infinite where free or under an ellipse
   Eigen::VectorXd limited;   ///< [coordinate] 1 where it has a range, else 0
   Eigen::VectorXd middle;    ///< [coordinate] of that range

@@ -22,6 +22,11 @@
 // turn of the outer pull by S. It couples d with v alone: U = I S - k / 2 everywhere above. Pivots
 // may then lose their sign; `definite` tells, and the caller goes back to Gauss-Newton.
 //
+// Rows (row_solver.cpp) push with J'lambda. The elimination is H = L D L' with the coordinates as
+// columns of L: its tip-to-root pass applied to a row's J alone is the forward substitution
+// L^-1 J', which touches only the paths from the row's nodes to the roots, and its root-to-tip pass
+// the backward one.
+//
 // A swing on its ellipse turns its two coordinates into tangent and normal: the normal one is held
 // so that the swing ends on the tangent line, the tangent one is free. The border curves away from
 // that line by kappa (tau - tau_p)^2 / 2, tau_p where it touches, against which the objective
@@ -47,6 +52,7 @@ constexpr double kWall = 1e-9;    // rad: a side of the ellipse that has no widt
 
 TreeElimination::TreeElimination(const IkTree& tree)
     : tree_(tree),
+      felt_(tree.nodes.size()),
       lock_(tree.coordinate_count(), Lock::none),
       swing_(tree.nodes.size()),
       pivot_(tree.coordinate_count()),
@@ -197,6 +203,67 @@ void TreeElimination::substitute(Eigen::VectorXd& step) {
     const double along = step[node.coordinate], out = step[node.coordinate + 1];
     step[node.coordinate] = out * normal.x() - along * normal.y();
     step[node.coordinate + 1] = out * normal.y() + along * normal.x();
+  }
+}
+
+EliminationStats TreeElimination::solve_free(const Eigen::VectorXd& x, double damping,
+                                             const Eigen::VectorXd& wish, Eigen::VectorXd& step) {
+  std::fill(lock_.begin(), lock_.end(), Lock::none);
+  std::fill(swing_.begin(), swing_.end(), SwingLock{});
+  wish_ = wish.data();
+  definite_ = true;
+  for (std::size_t n = tree_.nodes.size(); n-- > 0;) {
+    eliminate(static_cast<std::int32_t>(n), x, damping);
+  }
+  if (definite_) substitute(step);
+  return {.passes = 1, .settled = true, .definite = definite_};
+}
+
+void TreeElimination::respond(const Row& row, Eigen::Ref<Eigen::VectorXd> half) {
+  half.setZero();
+  std::int32_t n = std::max(row.node_a, row.node_b);
+  for (const Row::Term& term : row.terms) n = std::max(n, term.node);
+  for (std::int32_t m = 0; m <= n; ++m) felt_[m].setZero();
+  if (row.node_a >= 0) felt_[row.node_a] += row.wrench;
+  if (row.node_b >= 0) felt_[row.node_b] -= row.wrench;
+  for (; n >= 0; --n) {
+    const IkNode& node = tree_.nodes[n];
+    Vector6& felt = felt_[n];
+    std::array<double, 6> force{};
+    bool pushed = !felt.isZero(0.0);
+    for (const Row::Term& term : row.terms) {
+      if (term.node != n) continue;
+      force[term.coordinate - node.coordinate] += term.coefficient;
+      pushed = true;
+    }
+    if (!pushed) continue;
+    for (std::int32_t k = node.coordinate + node.coordinates - 1; k >= node.coordinate; --k) {
+      const Pivot& pivot = pivot_[k];
+      const double drive = force[k - node.coordinate] + pivot.axis.dot(felt);
+      half[k] = drive * std::sqrt(pivot.inverse);
+      felt -= (drive * pivot.inverse) * pivot.momentum;
+    }
+    if (node.parent >= 0) felt_[node.parent] += felt;
+  }
+}
+
+void TreeElimination::complete(const Eigen::VectorXd& half, Eigen::VectorXd& step) {
+  for (std::size_t n = 0; n < tree_.nodes.size(); ++n) {
+    const IkNode& node = tree_.nodes[n];
+    Vector6& twist = felt_[n];
+    if (node.parent < 0) {
+      twist.setZero();
+    } else {
+      twist = felt_[node.parent];
+    }
+    for (std::int32_t k = node.coordinate; k < node.coordinate + node.coordinates; ++k) {
+      const Pivot& pivot = pivot_[k];
+      const double change =
+          half[k] * std::sqrt(pivot.inverse) - pivot.inverse * pivot.momentum.dot(twist);
+      step[k] += change;
+      twist += change * pivot.axis;
+    }
+    twist_[n] += twist;
   }
 }
 

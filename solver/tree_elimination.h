@@ -7,6 +7,7 @@
 
 #include "solver/ik_tree.h"
 #include "solver/jacobian.h"
+#include "solver/row.h"
 
 namespace limber {
 
@@ -34,6 +35,16 @@ class TreeElimination {
   /// count as settled. 0, the default: the solution is exact. An outer loop whose steps shrink
   /// loses nothing by more.
   void settle_slides_within(double part) { slide_part_ = part; }
+  /// For rows (row_solver.h). The same without limits, in one pass; forgets the active set.
+  EliminationStats solve_free(const Eigen::VectorXd& x, double damping, const Eigen::VectorXd& wish,
+                              Eigen::VectorXd& step);
+  /// After solve_free: half of the response to a row's J. With H = L D L' the elimination's
+  /// factors, half = D^-1/2 L^-1 J', so that J_i H^-1 J_j' = half_i . half_j. Costs the tip-to-root
+  /// pass along the row's own paths.
+  void respond(const Row&, Eigen::Ref<Eigen::VectorXd> half);
+  /// The other half: adds L'^-1 D^-1/2 half, how the step answers a push with that half response,
+  /// to the step and the node twists.
+  void complete(const Eigen::VectorXd& half, Eigen::VectorXd& step);
   /// Twists of the nodes under the last step.
   std::span<const Vector6> node_twist() const { return twist_; }
 
@@ -74,6 +85,8 @@ class TreeElimination {
   const IkKinematics* kinematics_ = nullptr;
   const EffectorLoad* load_ = nullptr;
   const double* wish_ = nullptr;
+  const RowPush* push_ = nullptr;
+  std::vector<Vector6> felt_;        ///< [node] scratch of respond
   std::vector<Lock> lock_;           ///< [coordinate]
   std::vector<SwingLock> swing_;     ///< [node]
   std::vector<Pivot> pivot_;         ///< [coordinate]

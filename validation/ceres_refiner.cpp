@@ -3,6 +3,7 @@
 #include <ceres/ceres.h>
 
 #include <algorithm>
+#include <string>
 #include <vector>
 
 #include "validation/effector_problem.h"
@@ -155,6 +156,11 @@ Result<RefineReport> refine_with_ceres(const Rig& rig, std::span<const EffectorT
                                        const RefineOptions& options) {
   if (targets.size() != rig.effectors.size()) return bad_input("targets and effectors differ");
   if (parent_from_joint.size() != rig.joints.size()) return bad_input("pose and rig differ");
+  if (const char* lacking = EffectorProblem::lacks(rig)) {
+    return Error{.code = "refine-rows",
+                 .message = std::string("the refiner's objective has no ") + lacking,
+                 .hint = "this rig can be solved but not measured against Ceres"};
+  }
   EffectorProblem problem(rig, targets);
   RefineReport report;
   report.cost_before = problem.cost_of_pose(parent_from_joint);
@@ -162,6 +168,8 @@ Result<RefineReport> refine_with_ceres(const Rig& rig, std::span<const EffectorT
   problem.start_from(parent_from_joint);
 
   double cost = problem.cost(problem.x());
+  // Couplings count too, where there are any: Ceres starts from what it would have to beat.
+  const double to_beat = rig.couplings.empty() ? report.cost_before : cost;
   while (report.iterations < options.max_iterations && cost > options.enough_cost) {
     problem.rechart();
     const std::vector<int> free = free_coordinates(problem);
@@ -173,9 +181,9 @@ Result<RefineReport> refine_with_ceres(const Rig& rig, std::span<const EffectorT
     cost = round.cost;
   }
 
-  if (cost < report.cost_before || !within_limits(rig, parent_from_joint)) {
+  if (cost < to_beat || !within_limits(rig, parent_from_joint)) {
     problem.pose(problem.x(), parent_from_joint);
-    report.cost_after = cost;
+    report.cost_after = rig.couplings.empty() ? cost : problem.cost_of_pose(parent_from_joint);
   } else {
     report.cost_after = report.cost_before;
   }

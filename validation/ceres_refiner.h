@@ -24,7 +24,9 @@ struct RefineReport {
 
 /// Minimises the solver's own effector objective from the given pose with Ceres, bounds on smooth
 /// coordinates, sharing the objective but not the method. The pose becomes Ceres's answer, within
-/// limits; never worse than it was.
+/// limits; never worse than it was. Relative effectors are the solver's, couplings are stiff
+/// residuals; capsules and speeds are not seen. Error `refine-rows`: the rig asks for more than
+/// that (strict priorities, couplings of a ball's swing).
 Result<RefineReport> refine_with_ceres(const Rig&, std::span<const EffectorTarget>,
                                        std::span<DualQuaternion> parent_from_joint,
                                        const RefineOptions& = {});

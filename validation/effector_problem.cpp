@@ -14,6 +14,10 @@
 // a x d, and a moves by w x a: de = D w. A gaze's d, the direction n to the target at distance r,
 // turns by u = -(n x v) / r as the eye moves by v. Turning a and d alike turns e, so turning d
 // alone gives de = (u x e) - D u, that is ([e] + D) [n] v / r.
+//
+// A relative target moves with its base. Moving the base by a twist is moving the effector by the
+// opposite one, and then everything, residuals included, by the twist: for a residual e the base's
+// column is minus what the twist, taken at the effector's point, does to e, plus w x e.
 
 namespace limber {
 namespace {
@@ -103,6 +107,22 @@ EffectorProblem::EffectorProblem(const Rig& rig, std::span<const EffectorTarget>
     }
   }
   for (const RigEffector& effector : rig.effectors) residuals_ += row_count(effector.kind);
+  residuals_ += static_cast<Eigen::Index>(rig.couplings.size());
+}
+
+const char* EffectorProblem::lacks(const Rig& rig) {
+  for (const RigEffector& effector : rig.effectors) {
+    if (effector.priority != rig.effectors[0].priority) return "strict priorities";
+  }
+  const auto is_swing = [&](std::int32_t joint, std::int32_t dof) {
+    return rig.joints[joint].type == JointType::ball && dof < 2;
+  };
+  for (const Coupling& c : rig.couplings) {
+    if (is_swing(c.from_joint, c.from_dof) || is_swing(c.to_joint, c.to_dof)) {
+      return "couplings of a ball's swing";
+    }
+  }
+  return nullptr;
 }
 
 void EffectorProblem::choose_chart(std::int32_t joint, const Eigen::Vector2d& disc) {
@@ -235,12 +255,14 @@ void EffectorProblem::model_pose(std::span<const DualQuaternion> parent_from_joi
   }
 }
 
-void EffectorProblem::effector_rows(std::size_t e, const DualQuaternion& world_from_joint,
+void EffectorProblem::effector_rows(std::size_t e, std::span<const DualQuaternion> world,
                                     Eigen::Index row, Eigen::VectorXd& residual,
                                     Eigen::Matrix<double, 6, 6>* by_motion) const {
   // by_motion: residual rows against (velocity of the effector point, angular velocity).
   const RigEffector& effector = rig_.effectors[e];
-  const EffectorTarget& target = targets_[e];
+  const DualQuaternion& world_from_joint = world[effector.joint];
+  EffectorTarget target = targets_[e];
+  if (effector.relative_to != kNoJoint) target.pose = world[effector.relative_to] * target.pose;
   const double wp = effector.weight_pos * target.weight;
   const double wr = kMetresPerRadian * effector.weight_rot * target.weight;
   const Eigen::Quaterniond now = world_from_joint.rotation(), goal = target.pose.rotation();
@@ -308,25 +330,63 @@ void EffectorProblem::evaluate(const Eigen::VectorXd& x, Eigen::VectorXd& residu
     const RigEffector& effector = rig_.effectors[e];
     const Eigen::Index rows = row_count(effector.kind);
     Eigen::Matrix<double, 6, 6> by_motion;
-    effector_rows(e, world[effector.joint], row, residual, jacobian ? &by_motion : nullptr);
+    effector_rows(e, world, row, residual, jacobian ? &by_motion : nullptr);
     const Eigen::Vector3d point = world[effector.joint].transform_point(effector.offset);
-    for (std::int32_t i = effector.joint; jacobian && i != kNoJoint; i = rig_.joints[i].parent) {
-      const Eigen::Vector3d arm = point - world[i].translation();
-      const std::int32_t parent = rig_.joints[i].parent;
-      const bool moves = rig_.joints[i].type == JointType::free;
-      for (std::int32_t k = begin_[i]; k < begin_[i + 1]; ++k) {
-        Eigen::Matrix<double, 6, 1> motion;
-        if (moves && k < begin_[i] + 3) {
-          const Eigen::Vector3d along = Eigen::Vector3d::Unit(k - begin_[i]);
-          motion << (parent == kNoJoint ? along : world[parent].transform_direction(along)),
-              Eigen::Vector3d::Zero();
-        } else {
-          motion << turns.col(k).cross(arm), turns.col(k);
+    if (jacobian != nullptr) {
+      chain_columns(effector.joint, point, world, turns, by_motion, row, rows, *jacobian);
+      const Eigen::Matrix<double, 6, 6> opposite = -by_motion;
+      const std::int32_t base = effector.relative_to;
+      if (base != kNoJoint) {
+        chain_columns(base, point, world, turns, opposite, row, rows, *jacobian);
+      }
+      for (std::int32_t i = base; i != kNoJoint; i = rig_.joints[i].parent) {
+        for (std::int32_t k = begin_[i]; k < begin_[i + 1]; ++k) {
+          const Eigen::Vector3d turn = turns.col(k);  // zero for translations
+          for (Eigen::Index r = row; r < row + rows; r += 3) {
+            jacobian->block<3, 1>(r, k) += turn.cross(residual.segment<3>(r));
+          }
         }
-        jacobian->block(row, k, rows, 1) = by_motion.topRows(rows) * motion;
       }
     }
     row += rows;
+  }
+  coupling_rows(x, row, residual, jacobian);
+}
+
+void EffectorProblem::chain_columns(std::int32_t joint, const Eigen::Vector3d& point,
+                                    std::span<const DualQuaternion> world,
+                                    const Eigen::Matrix3Xd& turns,
+                                    const Eigen::Matrix<double, 6, 6>& by_motion, Eigen::Index row,
+                                    Eigen::Index rows, Eigen::MatrixXd& jacobian) const {
+  for (std::int32_t i = joint; i != kNoJoint; i = rig_.joints[i].parent) {
+    const Eigen::Vector3d arm = point - world[i].translation();
+    const std::int32_t parent = rig_.joints[i].parent;
+    const bool moves = rig_.joints[i].type == JointType::free;
+    for (std::int32_t k = begin_[i]; k < begin_[i + 1]; ++k) {
+      Eigen::Matrix<double, 6, 1> motion;
+      if (moves && k < begin_[i] + 3) {
+        const Eigen::Vector3d along = Eigen::Vector3d::Unit(k - begin_[i]);
+        motion << (parent == kNoJoint ? along : world[parent].transform_direction(along)),
+            Eigen::Vector3d::Zero();
+      } else {
+        motion << turns.col(k).cross(arm), turns.col(k);
+      }
+      jacobian.block(row, k, rows, 1) += by_motion.topRows(rows) * motion;
+    }
+  }
+}
+
+void EffectorProblem::coupling_rows(const Eigen::VectorXd& x, Eigen::Index row,
+                                    Eigen::VectorXd& residual, Eigen::MatrixXd* jacobian) const {
+  for (const Coupling& c : rig_.couplings) {
+    const std::int32_t from = begin_[c.from_joint] + c.from_dof;
+    const std::int32_t to = begin_[c.to_joint] + c.to_dof;
+    residual[row] = kCouplingWeight * (x[to] - c.ratio * x[from] - c.offset);
+    if (jacobian != nullptr) {
+      (*jacobian)(row, to) += kCouplingWeight;
+      (*jacobian)(row, from) -= kCouplingWeight * c.ratio;
+    }
+    ++row;
   }
 }
 
@@ -339,10 +399,10 @@ double EffectorProblem::cost(const Eigen::VectorXd& x) const {
 double EffectorProblem::cost_of_pose(std::span<const DualQuaternion> parent_from_joint) const {
   std::vector<DualQuaternion> world;
   model_pose(parent_from_joint, world);
-  Eigen::VectorXd residual(residuals_);
+  Eigen::VectorXd residual = Eigen::VectorXd::Zero(residuals_);  // couplings stay zero
   Eigen::Index row = 0;
   for (std::size_t e = 0; e < rig_.effectors.size(); ++e) {
-    effector_rows(e, world[rig_.effectors[e].joint], row, residual, nullptr);
+    effector_rows(e, world, row, residual, nullptr);
     row += row_count(rig_.effectors[e].kind);
   }
   return residual.squaredNorm();

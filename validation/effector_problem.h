@@ -20,9 +20,19 @@ namespace limber {
 ///    polar (r, angle), r <= 1. s0 = X S0, s1 = Y S1, S the bound of that side's sign;
 ///  - unlimited ball 3: a rotation vector v from the rotation at the start, R = R_start exp(v);
 ///  - free 6: translation (m), then v as above.
+/// Relative effectors count as the solver counts them. Couplings are residuals of
+/// kCouplingWeight m per rad (or m) that they are missed by, behind the effectors'; they belong to
+/// cost(), not to cost_of_pose(). Couplings of a ball's swing, priorities, capsules and speeds are
+/// not in this objective: see `lacks`.
 class EffectorProblem {
  public:
+  static constexpr double kCouplingWeight = 100.0;
+
   EffectorProblem(const Rig&, std::span<const EffectorTarget>);
+
+  /// Null where this objective holds all that the rig asks for (capsules and speeds aside, which
+  /// are options of the solver); else what it lacks.
+  static const char* lacks(const Rig&);
 
   /// Takes the coordinates of a pose, brought into the limits, and picks a chart for each ball.
   void start_from(std::span<const DualQuaternion> parent_from_joint);
@@ -55,8 +65,15 @@ class EffectorProblem {
                Eigen::Matrix<double, 3, 3>* columns) const;
   int ball_rotation(std::int32_t joint, const double* x, Eigen::Quaterniond& r,
                     Eigen::Matrix<double, 3, 3>* columns) const;
-  void effector_rows(std::size_t effector, const DualQuaternion& world_from_joint, Eigen::Index row,
+  void effector_rows(std::size_t effector, std::span<const DualQuaternion> world, Eigen::Index row,
                      Eigen::VectorXd& residual, Eigen::Matrix<double, 6, 6>* by_motion) const;
+  void coupling_rows(const Eigen::VectorXd& x, Eigen::Index row, Eigen::VectorXd& residual,
+                     Eigen::MatrixXd* jacobian) const;
+  /// Adds, for the rows of an effector, what the coordinates at or above `joint` do to a point.
+  void chain_columns(std::int32_t joint, const Eigen::Vector3d& point,
+                     std::span<const DualQuaternion> world, const Eigen::Matrix3Xd& turns,
+                     const Eigen::Matrix<double, 6, 6>& by_motion, Eigen::Index row,
+                     Eigen::Index rows, Eigen::MatrixXd& jacobian) const;
   void model_pose(std::span<const DualQuaternion> parent_from_joint,
                   std::vector<DualQuaternion>& world) const;
 

@@ -78,6 +78,8 @@ const char* find_fault(const Rig& rig, std::int32_t i) {
   if (joint.parent < kNoJoint || joint.parent >= i) return "the joint comes before its parent";
   if (!joint.offset.allFinite()) return "the offset is not finite";
   if (!(std::abs(joint.rest.norm() - 1.0) < 1e-6)) return "the rest rotation is not unit";
+  if (!(joint.weight > 0.0 && joint.weight < inf)) return "the weight is not above zero";
+  if (!(joint.max_speed >= 0.0)) return "the largest speed is below zero";
   const int axes = joint.type == JointType::ball        ? 3
                    : joint.type == JointType::universal ? 2
                    : joint.type == JointType::hinge     ? 1
@@ -103,6 +105,33 @@ const char* find_fault(const Rig& rig, std::int32_t i) {
   return nullptr;
 }
 
+bool has_joint(const Rig& rig, std::int32_t joint) { return joint >= 0 && joint < rig.size(); }
+
+const char* find_fault(const Rig& rig, const RigEffector& effector) {
+  if (!has_joint(rig, effector.joint)) return "is on no joint";
+  if (!effector.offset.allFinite()) return "has an offset that is not finite";
+  if (!(effector.weight_pos >= 0) || !(effector.weight_rot >= 0)) return "has a bad weight";
+  if (effector.relative_to != kNoJoint && !has_joint(rig, effector.relative_to)) {
+    return "is relative to no joint";
+  }
+  if (effector.relative_to == effector.joint) return "is relative to its own joint";
+  if (effector.priority < 0) return "has a priority below zero";
+  return nullptr;
+}
+
+const char* find_fault(const Rig& rig, const Coupling& c) {
+  if (!has_joint(rig, c.from_joint) || !has_joint(rig, c.to_joint)) return "names no joint";
+  const auto exists = [&](std::int32_t joint, std::int32_t dof) {
+    return dof >= 0 && dof < coupled_dof_count(rig.joints[joint]);
+  };
+  if (!exists(c.from_joint, c.from_dof) || !exists(c.to_joint, c.to_dof)) {
+    return "names a coordinate that cannot be coupled";
+  }
+  if (c.from_joint == c.to_joint && c.from_dof == c.to_dof) return "couples one to itself";
+  if (!std::isfinite(c.ratio) || !std::isfinite(c.offset)) return "is not finite";
+  return nullptr;
+}
+
 }  // namespace
 
 Result<void> validate(const Rig& rig) {
@@ -121,15 +150,40 @@ Result<void> validate(const Rig& rig) {
     }
   }
   for (const RigEffector& effector : rig.effectors) {
-    if (effector.joint < 0 || effector.joint >= rig.size()) {
-      return invalid("effector '" + effector.name + "' is on no joint", "");
+    if (const char* fault = find_fault(rig, effector)) {
+      return invalid("effector '" + effector.name + "' " + fault, "");
     }
-    if (!effector.offset.allFinite() || !(effector.weight_pos >= 0) ||
-        !(effector.weight_rot >= 0)) {
-      return invalid("effector '" + effector.name + "' has a bad offset or weight", "");
+  }
+  for (std::size_t i = 0; i < rig.couplings.size(); ++i) {
+    if (const char* fault = find_fault(rig, rig.couplings[i])) {
+      return invalid("coupling " + std::to_string(i) + " " + fault, "");
+    }
+  }
+  for (const CollisionPair& pair : rig.collisions) {
+    if (!has_joint(rig, pair.joint_a) || !has_joint(rig, pair.joint_b) ||
+        pair.joint_a == pair.joint_b) {
+      return invalid("a collision pair does not name two joints", "");
     }
   }
   return {};
+}
+
+std::int32_t coupled_dof_count(const RigJoint& joint) {
+  if (joint.type == JointType::free) return 3;
+  if (joint.type == JointType::ball && !joint.limited()) return 0;
+  return dof_count(joint.type);
+}
+
+std::vector<CollisionPair> collision_pairs(const Rig& rig) {
+  if (!rig.collisions.empty()) return rig.collisions;
+  std::vector<CollisionPair> pairs;
+  for (std::int32_t b = 0; b < rig.size(); ++b) {
+    for (std::int32_t a = 0; a < b; ++a) {
+      if (rig.joints[a].capsules.empty() || rig.joints[b].capsules.empty()) continue;
+      if (rig.joints[b].parent != a) pairs.push_back({a, b});
+    }
+  }
+  return pairs;
 }
 
 std::int32_t dof_count(const Rig& rig) { return dof_begin(rig).back(); }

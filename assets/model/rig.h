@@ -56,7 +56,9 @@ struct RigJoint {
   /// side's sign. Infinite: unlimited; a ball has either all three ranges or none.
   std::array<Range, 3> limits;
   std::vector<Capsule> capsules;
-  std::string citation;  ///< where the limits come from
+  double weight = 1.0;     ///< stiffness, > 0: scales the solver's damping; stiff joints move last
+  double max_speed = 0.0;  ///< rad/s (translations: m/s) per solver coordinate; 0: no limit
+  std::string citation;    ///< where the limits come from
 
   bool limited() const {
     return (type == JointType::hinge || type == JointType::universal || type == JointType::ball) &&
@@ -87,12 +89,24 @@ struct RigEffector {
   bool strong = true;                               ///< counts for stopping and for success
   double weight_pos = 1.0;
   double weight_rot = 1.0;
+  /// The target is given in this joint's space, so that it moves along: hand to hand, hand to
+  /// prop. kNoJoint: in world space.
+  std::int32_t relative_to = kNoJoint;
+  std::int32_t priority = 0;  ///< 0 is the strongest; a lower one never disturbs a higher one
 };
 
-/// Coupled coordinates: q[to] = ratio * q[from] + offset (rad); fingers that move together.
+/// Coupled coordinates: q[to] = ratio * q[from] + offset (rad); fingers that move together. A dof
+/// counts the joint's solver coordinates: hinge 0 and universal 0, 1 the angles; ball with limits
+/// 0 swing0, 1 swing1, 2 twist; free 0, 1, 2 the translation (m). Rotations without limits have no
+/// such coordinates and cannot be coupled.
 struct Coupling {
   std::int32_t from_joint = 0, from_dof = 0, to_joint = 0, to_dof = 0;
   double ratio = 1.0, offset = 0.0;
+};
+
+/// Two joints whose capsules are to stay apart.
+struct CollisionPair {
+  std::int32_t joint_a = 0, joint_b = 0;
 };
 
 /// A skeleton whose joints have limits. Row i of `joints` is joint i of `skeleton_of(rig)`.
@@ -102,18 +116,28 @@ struct Rig {
   std::vector<RigJoint> joints;  ///< parents first
   std::vector<RigEffector> effectors;
   std::vector<Coupling> couplings;
+  /// Empty: all pairs of joints with capsules, but parent and child (see collision_pairs).
+  std::vector<CollisionPair> collisions;
 
   std::int32_t size() const { return static_cast<std::int32_t>(joints.size()); }
   std::int32_t find(const std::string& joint_name) const;
   std::int32_t find_role(const std::string& role) const;
 };
 
-/// Checks parents, axes, ranges and effectors. Error: `rig-invalid`, with the joint.
+/// Checks parents, axes, ranges, effectors, couplings and collision pairs. Error: `rig-invalid`,
+/// with the joint.
 Result<void> validate(const Rig&);
 
 std::int32_t dof_count(const Rig&);
 /// dof_begin[i] is joint i's first canonical coordinate; one more entry holds the total.
 std::vector<std::int32_t> dof_begin(const Rig&);
+
+/// How many leading coordinates of a joint a coupling may name, see Coupling.
+std::int32_t coupled_dof_count(const RigJoint&);
+
+/// `collisions`, or where that is empty every pair of joints with capsules that are not parent and
+/// child, in ascending order.
+std::vector<CollisionPair> collision_pairs(const Rig&);
 
 /// The rig as a skeleton whose rest pose is q = 0.
 Skeleton skeleton_of(const Rig&);

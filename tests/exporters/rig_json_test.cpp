@@ -24,6 +24,8 @@ void expect_same(const Rig& a, const Rig& b) {
     EXPECT_EQ(p.offset, q.offset);
     EXPECT_LT((p.rest.coeffs() - q.rest.coeffs()).norm(), 1e-15);
     EXPECT_EQ(p.citation, q.citation);
+    EXPECT_EQ(p.weight, q.weight);
+    EXPECT_EQ(p.max_speed, q.max_speed);
     for (int k = 0; k < 3; ++k) {
       EXPECT_LT((p.axes[k] - q.axes[k]).norm(), 1e-15);
       EXPECT_EQ(p.limits[k].min, q.limits[k].min);
@@ -47,6 +49,8 @@ void expect_same(const Rig& a, const Rig& b) {
     EXPECT_EQ(p.strong, q.strong);
     EXPECT_EQ(p.weight_pos, q.weight_pos);
     EXPECT_EQ(p.weight_rot, q.weight_rot);
+    EXPECT_EQ(p.relative_to, q.relative_to);
+    EXPECT_EQ(p.priority, q.priority);
   }
   ASSERT_EQ(a.couplings.size(), b.couplings.size());
   for (std::size_t i = 0; i < a.couplings.size(); ++i) {
@@ -54,6 +58,11 @@ void expect_same(const Rig& a, const Rig& b) {
     EXPECT_EQ(a.couplings[i].to_dof, b.couplings[i].to_dof);
     EXPECT_EQ(a.couplings[i].ratio, b.couplings[i].ratio);
     EXPECT_EQ(a.couplings[i].offset, b.couplings[i].offset);
+  }
+  ASSERT_EQ(a.collisions.size(), b.collisions.size());
+  for (std::size_t i = 0; i < a.collisions.size(); ++i) {
+    EXPECT_EQ(a.collisions[i].joint_a, b.collisions[i].joint_a);
+    EXPECT_EQ(a.collisions[i].joint_b, b.collisions[i].joint_b);
   }
 }
 
@@ -81,7 +90,12 @@ Rig rig_of_every_kind() {
   rig.effectors = {{"tip", 4, {0.1, 0, 0}, EffectorKind::pose, {1, 0, 0}, true, 1.0, 0.5},
                    {"gaze", 5, {0, 0, 0}, EffectorKind::line, {0, 0, 1}, false, 0.2, 0.0},
                    {"eyes", 5, {0, 0.1, 0}, EffectorKind::gaze, {0, 0.6, 0.8}, false, 0.0, 0.5}};
+  rig.effectors[1].relative_to = 2;
+  rig.effectors[1].priority = 1;
+  rig.joints[3].weight = 2.5;
+  rig.joints[3].max_speed = 7.0;
   rig.couplings = {{3, 0, 2, 1, 0.7, -0.1}};
+  rig.collisions = {{1, 3}, {0, 2}};
   return rig;
 }
 

@@ -67,9 +67,27 @@ TEST(RigJson, ReadsEveryField) {
   EXPECT_EQ(rig->couplings[0].to_dof, 2);
 }
 
+TEST(RigJson, ReadsWhatJoinsBranches) {
+  json doc = small_rig();
+  doc["joints"][1]["weight"] = 3.0;
+  doc["joints"][1]["max_speed"] = 4.0;
+  doc["effectors"][0]["relative_to"] = 0;
+  doc["effectors"][0]["priority"] = 1;
+  doc["collisions"] = {{0, "elbow"}};
+  const auto rig = read_rig_json(doc.dump());
+  ASSERT_TRUE(rig) << rig.error().message;
+  EXPECT_EQ(rig->joints[1].weight, 3.0);
+  EXPECT_EQ(rig->joints[1].max_speed, 4.0);
+  EXPECT_EQ(rig->effectors[0].relative_to, 0);
+  EXPECT_EQ(rig->effectors[0].priority, 1);
+  ASSERT_EQ(rig->collisions.size(), 1u);
+  EXPECT_EQ(rig->collisions[0].joint_b, 1);
+}
+
 TEST(RigJson, WithoutLimitsAJointIsUnlimited) {
   json doc = small_rig();
   doc["joints"][0].erase("twist_swing");  // its limits box does not bind
+  doc.erase("couplings");                 // a ball without limits has no coordinate to couple
   doc["joints"][1]["limits"] = nullptr;
   const auto rig = read_rig_json(doc.dump());
   ASSERT_TRUE(rig) << rig.error().message;
@@ -106,6 +124,14 @@ TEST(RigJson, MistakesNameTheirPlace) {
   EXPECT_EQ(complaint([](json& d) { d["effectors"][0].erase("axis"); }), "/effectors/0");
   EXPECT_EQ(complaint([](json& d) { d["effectors"][0]["strong"] = 1; }), "/effectors/0/strong");
   EXPECT_EQ(complaint([](json& d) { d["couplings"][0]["to_dof"] = 3; }), "/couplings/0/to_dof");
+  EXPECT_EQ(complaint([](json& d) { d["joints"][0].erase("twist_swing"); }), "/couplings/0");
+  EXPECT_EQ(complaint([](json& d) { d["joints"][0]["weight"] = 0; }), "/joints/0/weight");
+  EXPECT_EQ(complaint([](json& d) { d["joints"][0]["max_speed"] = -1; }), "/joints/0/max_speed");
+  EXPECT_EQ(complaint([](json& d) { d["effectors"][0]["relative_to"] = 1; }),
+            "/effectors/0/relative_to");
+  EXPECT_EQ(complaint([](json& d) { d["effectors"][0]["priority"] = -1; }),
+            "/effectors/0/priority");
+  EXPECT_EQ(complaint([](json& d) { d["collisions"] = {{1, 1}}; }), "/collisions/0");
   EXPECT_EQ(complaint([](json& d) { d["ndof"] = 5; }), "/ndof");
 }
 

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <random>
 
@@ -63,6 +64,16 @@ Rig zoo() {
   return rig;
 }
 
+/// The same with what joins branches: effectors relative to other joints, above, below and beside
+/// them, and coupled coordinates.
+Rig joined_zoo() {
+  Rig rig = zoo();
+  const std::int32_t bases[] = {5, 6, 1, 4, 0, 3};
+  for (std::size_t e = 0; e < rig.effectors.size(); ++e) rig.effectors[e].relative_to = bases[e];
+  rig.couplings = {{4, 0, 5, 1, 0.4, -0.1}, {1, 2, 5, 0, -0.5, 0.05}};
+  return rig;
+}
+
 /// A pose within the limits; `reach` 1 fills them, swings included.
 std::vector<DualQuaternion> random_pose(const Rig& rig, std::mt19937& random, double reach) {
   std::uniform_real_distribution<double> unit(-1.0, 1.0);
@@ -101,6 +112,8 @@ std::vector<EffectorTarget> targets_at(const Rig& rig, const std::vector<DualQua
     const double ahead = e.kind == EffectorKind::gaze ? 0.9 : 0.0;  // what is looked at
     const Vector3d place = e.offset + ahead * e.axis;
     targets.push_back({world[e.joint] * DualQuaternion::from_translation(place), 1.0});
+    if (e.relative_to == kNoJoint) continue;
+    targets.back().pose = world[e.relative_to].conjugate() * targets.back().pose;
   }
   return targets;
 }
@@ -113,8 +126,7 @@ double worst_excess(const Rig& rig, const std::vector<DualQuaternion>& pose) {
   return worst;
 }
 
-TEST(EffectorProblem, JacobianMeetsFiniteDifferences) {
-  const Rig rig = zoo();
+void expect_jacobian_meets_differences(const Rig& rig) {
   ASSERT_TRUE(validate(rig).ok());
   std::mt19937 random(17);
   for (const double reach : {0.05, 0.5, 0.95}) {  // both charts of the swing disc
@@ -143,6 +155,48 @@ TEST(EffectorProblem, JacobianMeetsFiniteDifferences) {
       }
     }
   }
+}
+
+TEST(EffectorProblem, JacobianMeetsFiniteDifferences) {
+  expect_jacobian_meets_differences(zoo());
+  expect_jacobian_meets_differences(joined_zoo());
+}
+
+TEST(CeresRefiner, FindsLittleToGainOnTheSolversAnswersWithRows) {
+  // Shared objective, other method: relative targets out of reach, couplings kept.
+  const Rig rig = joined_zoo();
+  std::mt19937 random(41);
+  Result<IkSolver> solver = IkSolver::create(
+      rig, {.stop_at_tolerance = false, .stop_cost_decrease = 1e-10, .max_relinearisations = 300});
+  ASSERT_TRUE(solver.ok());
+  std::vector<double> gaps;
+  for (int trial = 0; trial < 15; ++trial) {
+    std::vector<DualQuaternion> pose = random_pose(rig, random, 0.7);
+    std::vector<EffectorTarget> targets = targets_at(rig, pose);
+    for (EffectorTarget& t : targets) {
+      t.pose = t.pose * DualQuaternion::from_rotation_translation(random_rotation(random, 0.1),
+                                                                  Vector3d(0.05, 0.02, -0.04));
+    }
+    const IkReport ours = solver->solve(targets, pose);
+    EXPECT_LT(ours.row_violation, 1e-5) << trial;
+    EXPECT_NEAR(ours.cost, EffectorProblem(rig, targets).cost_of_pose(pose), 1e-9 * ours.cost);
+    const auto report = refine_with_ceres(rig, targets, pose, {.max_iterations = 100});
+    ASSERT_TRUE(report.ok());
+    gaps.push_back(report->gap_percent);
+  }
+  std::sort(gaps.begin(), gaps.end());
+  EXPECT_LT(gaps[gaps.size() / 2], 0.1);
+}
+
+TEST(CeresRefiner, SaysWhatItsObjectiveLacks) {
+  Rig rig = zoo();
+  rig.effectors[1].priority = 1;
+  std::mt19937 random(43);
+  std::vector<DualQuaternion> pose = random_pose(rig, random, 0.5);
+  EXPECT_EQ(refine_with_ceres(rig, targets_at(rig, pose), pose).error().code, "refine-rows");
+  rig = zoo();
+  rig.couplings = {{4, 0, 3, 1, 1.0, 0.0}};
+  EXPECT_EQ(refine_with_ceres(rig, targets_at(rig, pose), pose).error().code, "refine-rows");
 }
 
 TEST(EffectorProblem, CostIsTheSumOfTheWeightedSquares) {

@@ -14,7 +14,7 @@ namespace limber {
 
 namespace {
 
-constexpr int kRestartsOfLonePoses = 24;  // sporadic sets: no frame follows from another
+constexpr int kRestartsOfLonePoses = 64;  // sporadic sets: no frame follows from another
 
 Error workload_error(std::string message) {
   return {.code = "bench-workload",

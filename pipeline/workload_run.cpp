@@ -78,8 +78,6 @@ Result<void> Runner::motion(std::size_t first, std::size_t last) {
     const IkReport report = clip.next();
     keep(f, microseconds(Clock::now() - start), report.relinearisations);
   }
-  if (std::getenv("MENDS"))
-    std::fprintf(stderr, "mended %d jumps %d\n", clip.mended(), clip.jumps());
   return {};
 }
 

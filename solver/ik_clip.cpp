@@ -101,11 +101,16 @@ std::span<DualQuaternion> IkClipSolver::pose(std::int64_t frame) const {
 
 IkReport IkClipSolver::next() {
   const std::int64_t f = next_++;
-  if (f == 0) return solver_.solve(targets(0), pose(0));
+  if (f == 0) {
+    const IkReport report = solver_.solve(targets(0), pose(0));
+    reached_ = report.reached;
+    return report;
+  }
   IkReport report = solver_.follow(targets(f), pose(f));
   watch(f, report);
-  if (report.reached || f < retry_) return report;
-  if (!mend(f, report)) retry_ = f + kPatience;
+  // After a frame that was out of reach this one may well be so too.
+  if (!report.reached && reached_ && f >= retry_ && !mend(f, report)) retry_ = f + kPatience;
+  reached_ = report.reached;
   return report;
 }
 

@@ -84,7 +84,6 @@ struct IkSolver::State {
       if (node.ellipse) ellipses.push_back({node.coordinate, node.swing});
     }
     gradient = diagonal = end = wish = anchor = start = step;
-    elimination.settle_slides_within(kSlide);
     settled_damping = options.damping;
     outside = skeleton_of(rig).rest_parent_from_joint;
     tree.load(outside, last);
@@ -320,6 +319,7 @@ void IkSolver::State::descend(IkReport& report, bool following) {
   report.converged = !following && done(at_now, rows_now);
   if (report.converged) return;
   if (!following) elimination.reset(now.x);
+  elimination.settle_slides_within(following ? kSlide : 0.0);
   // Rows bend, which the model leaves out: undamped, it would wander where the cost is flat.
   const double least = rows.none() ? kLeastDamping : options.damping;
   double damping = following ? settled_damping : options.damping, growth = 2.0;

@@ -51,7 +51,7 @@ class IkClipSolver {
   std::vector<std::pair<double, int>> others_;  ///< turn from the frame's answer (rad), try
   std::vector<DualQuaternion> way_;  ///< [frame * joint] from one solution to another, backwards
   std::vector<DualQuaternion>
-      back_;  ///< [frame * joint] the other solution, backwards; 0: the frame
+      back_;              ///< [frame * joint] the other solution, backwards; 0: the frame
   bool reached_ = false;  ///< by the frame before
   int mended_ = 0, jumps_ = 0, calm_ = 0;
 };

@@ -18,6 +18,12 @@
 // leave open is pulled to an anchor, the last answer and kCalm of its speed: a free swivel coasts
 // to rest instead of oscillating about the middle of its range.
 //
+// Out of reach, a best reach may cease to be one, and the descent ends in another, far away. Such a
+// coordinate goes there in its time (one that strayed by kJump, until it is there): with D left to
+// go, in one frame by at most sqrt(2 a D), from where it can still stop, and by at most a more than
+// in the frame before; a is kMostStray over the coordinate's lever. The others are solved around
+// it.
+//
 //
 // Rows that join branches (rows.cpp) enter the linear problem (row_solver.cpp). Soft ones belong to
 // f. Hard ones join what must fall as nu times their violation beyond tolerance, an exact penalty:
@@ -53,6 +59,8 @@ constexpr double kMostPush = 1e4;  // of a hard row, per root of the cost
 constexpr int kBends = 2, kSettles = 10;
 constexpr double kSettleDamping = 1.0;  // of the least step
 constexpr double kPenalty = 1.5;        // of the largest multiplier
+constexpr double kJump = 8e-3;          // m per frame^2: what is more has jumped
+constexpr double kMostStray = 2.5e-3;   // m per frame^2 at a coordinate's farthest effector
 constexpr double kStalling = 0.7;       // a relative fall below this asks for the errors' curvature
 
 }  // namespace
@@ -87,6 +95,7 @@ struct IkSolver::State {
     settled_damping = options.damping;
     outside = skeleton_of(rig).rest_parent_from_joint;
     tree.load(outside, last);
+    measure_levers();
     if (options.method == IkMethod::pgs_paper) paper.emplace(source, chosen);
   }
 
@@ -111,6 +120,8 @@ struct IkSolver::State {
   void carry_multipliers();
   void descend(IkReport&, bool following = false);
   void remember();
+  void measure_levers();
+  bool brake();
   void extrapolate();
   IkReport solve_paper(std::span<const EffectorTarget>, std::span<DualQuaternion>);
   void restart(int attempt);
@@ -126,6 +137,8 @@ struct IkSolver::State {
   IkState now, next, best, wound;
   IkState last, before;  ///< answers to the calls before
   int answers = 0;       ///< how many of them there are
+  Eigen::VectorXd lever, free_min, free_max;
+  std::vector<char> braking;  ///< [coordinate] on its way after a jump
   double settled_damping = 0.0;
   std::vector<DualQuaternion> outside;  ///< [joint] where that is no node: as last given
   IkKinematics at_now, at_next;
@@ -381,6 +394,47 @@ void IkSolver::State::descend(IkReport& report, bool following) {
   settle_rows(report);
 }
 
+/// [coordinate] How far its joint is from the farthest effector outside of it, at rest. 0 where it
+/// has no range of its own.
+void IkSolver::State::measure_levers() {
+  lever = free_min = free_max = 0.0 * step;
+  braking.assign(static_cast<std::size_t>(step.size()), 0);
+  tree.evaluate(last, goals, at_now);
+  for (std::size_t e = 0; e < tree.effectors.size(); ++e) {
+    for (std::int32_t n = tree.effectors[e].node; n >= 0; n = tree.nodes[n].parent) {
+      const double reach = (at_now.error[e].point - at_now.position[n]).norm();
+      for (std::int32_t i = 0; i < tree.nodes[n].coordinates; ++i) {
+        const std::int32_t k = tree.nodes[n].coordinate + i;
+        if (std::isfinite(tree.min[k])) lever[k] = std::max(lever[k], reach);
+      }
+    }
+  }
+}
+
+/// Holds the coordinates that `now` lets jump where they may be by this frame; true: there are
+/// some. `now` goes back to the frame's start.
+bool IkSolver::State::brake() {
+  bool some = false;
+  free_min = tree.min;
+  free_max = tree.max;
+  for (Eigen::Index k = 0; k < lever.size(); ++k) {
+    const double stray = lever[k] * std::abs(now.x[k] - start[k]);
+    braking[k] = stray > (braking[k] ? kMostStray : kJump);
+    if (!braking[k]) continue;
+    const double most = kMostStray / lever[k], ahead = now.x[k] - last.x[k];
+    const double speed =
+        answers > 1 ? std::max((last.x[k] - before.x[k]) * (ahead < 0 ? -1 : 1), 0.0) : 0.0;
+    const double way =
+        std::min({std::abs(ahead), std::sqrt(2.0 * most * std::abs(ahead)), speed + most});
+    tree.min[k] = tree.max[k] = last.x[k] + std::copysign(way, ahead);
+    some = true;
+  }
+  if (!some) return false;
+  extrapolate();
+  elimination.reset(now.x);
+  return true;
+}
+
 /// The answer `now` becomes the last one.
 void IkSolver::State::remember() {
   std::swap(before, last);
@@ -539,6 +593,7 @@ IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<Dual
   }
   s.tree.load(pose, s.now);
   s.settled_damping = s.options.damping;
+  std::fill(s.braking.begin(), s.braking.end(), 0);
   s.speed.narrow(s.next, s.tree, s.now);
   if (s.rows.none()) {
     s.solve_with_restarts(report);
@@ -572,6 +627,11 @@ IkReport IkSolver::follow(std::span<const EffectorTarget> targets, std::span<Dua
   s.start = s.now.x;
   if (s.rows.none()) {
     s.descend(report, true);
+    if (!s.reached(s.at_now) && s.brake()) {
+      s.descend(report, true);
+      s.tree.min = s.free_min;
+      s.tree.max = s.free_max;
+    }
   } else {
     if (s.speed.any()) s.rows.set_previous(s.last);
     s.speed.narrow(s.last, s.tree, s.now);

@@ -21,15 +21,18 @@ namespace {
 
 constexpr double kMostBend = 3e-3;  // rad per frame^2, of the way to another solution
 constexpr int kLonger = 3;          // ways to try, each twice as long as the one before
-constexpr std::int64_t kShortest = 8, kLongest = 256, kFarthestBack = 1024;
+constexpr std::int64_t kShortest = 8, kLongest = 256, kFarthestBack = 512;
 constexpr int kStrewn = 12;            // starts in search of another solution,
 constexpr double kStrewnWidth = 0.35;  // rad on each axis of each joint
-constexpr double kStray =
-    0.06;                       // rad: a frame that differs more from the start it was given jumped
-constexpr int kCalmFrames = 4;  // after a jump
+constexpr double kStray = 0.06;  // rad: a frame further from where its start pointed has jumped
+constexpr int kCalmFrames = 4;   // after a jump
 constexpr std::int64_t kLongestJump = 30;
-constexpr int kJoints = 6;              // places to join at, the nearest first
-constexpr std::int64_t kPatience = 30;  // frames before the next try where none was found
+constexpr int kJoints = 6;                    // places to join at, the nearest first
+constexpr double kWoundCost = 0.05 * 0.05;    // m^2; a worse miss is a target out of reach
+constexpr double kMerged = 1e-4;              // rad: two solutions are one
+constexpr std::int64_t kMostPatience = 1024;  // frames before the next try where none was found
+// Frames may be solved again for a hurry's sake, some for each new frame, saved up to so many.
+constexpr double kCreditPerFrame = 0.5, kMostCredit = 400.0;
 
 double smooth(double u) { return u * u * (3.0 - 2.0 * u); }
 
@@ -80,6 +83,7 @@ IkClipSolver::IkClipSolver(IkSolver& solver, const Rig& rig,
       targets_(targets),
       poses_(poses),
       elsewhere_(static_cast<std::size_t>((kStrewn + 1) * joints_)),
+      credit_(kMostCredit),
       way_(static_cast<std::size_t>(std::min(frames_, kLongest) * joints_)),
       back_(static_cast<std::size_t>(std::min(frames_, kFarthestBack) * joints_)) {}
 
@@ -101,16 +105,16 @@ std::span<DualQuaternion> IkClipSolver::pose(std::int64_t frame) const {
 
 IkReport IkClipSolver::next() {
   const std::int64_t f = next_++;
-  if (f == 0) {
-    const IkReport report = solver_.solve(targets(0), pose(0));
-    reached_ = report.reached;
-    return report;
-  }
+  credit_ = std::min(credit_ + kCreditPerFrame, kMostCredit);
+  if (f == 0) return solver_.solve(targets(0), pose(0));
   IkReport report = solver_.follow(targets(f), pose(f));
   watch(f, report);
-  // After a frame that was out of reach this one may well be so too.
-  if (!report.reached && reached_ && f >= retry_ && !mend(f, report)) retry_ = f + kPatience;
-  reached_ = report.reached;
+  if (!report.reached && report.cost < kWoundCost && f >= retry_ && !mend(f, report)) {
+    // What cannot be reached now may well stay so.
+    patience_ = std::min(2 * patience_, kMostPatience);
+    retry_ = f + patience_;
+  }
+  if (report.reached) patience_ = 1;
   return report;
 }
 
@@ -118,7 +122,7 @@ IkReport IkClipSolver::next() {
 /// the frames before go there in time: backwards the room opens, and there is no hurry.
 void IkClipSolver::watch(std::int64_t f, const IkReport& report) {
   if (jumped_ < 0) {
-    if (report.reached && report.strayed > kStray && f > 2) jumped_ = f;
+    if (report.reached && report.strayed > kStray && f > 2 && credit_ > 0.0) jumped_ = f;
     calm_ = 0;
     return;
   }
@@ -200,6 +204,7 @@ bool IkClipSolver::lead_over(std::int64_t f, std::span<const DualQuaternion> oth
       way[i] = moved(pose(f - k)[i], pose(f)[i], other[i], w);
     }
     solver_.resume(way, way);
+    credit_ -= 1.0;
     if (!solver_.follow(targets(f - k), way).reached) return false;
   }
   for (std::int64_t k = 1; k <= count; ++k) {
@@ -208,19 +213,23 @@ bool IkClipSolver::lead_over(std::int64_t f, std::span<const DualQuaternion> oth
   return true;
 }
 
-/// Follows the solution in back_[0] to earlier frames; how many it reached.
-std::int64_t IkClipSolver::follow_back(std::int64_t f) {
+/// Follows the solution in back_[0] to earlier frames, until it meets the one that is there (not
+/// before `least` frames); how many it reached.
+std::int64_t IkClipSolver::follow_back(std::int64_t f, std::int64_t least) {
   const std::int64_t most = std::min(f, kFarthestBack - 1);
   solver_.resume(row(back_, 0, joints_), row(back_, 0, joints_));
   for (std::int64_t k = 1; k <= most; ++k) {
-    if (!solver_.follow(targets(f - k), row(back_, k, joints_)).reached) return k - 1;
+    const auto back = row(back_, k, joints_);
+    credit_ -= 1.0;
+    if (!solver_.follow(targets(f - k), back).reached) return k - 1;
+    if (k >= least && largest_turn(pose(f - k), back) < kMerged) return k;
   }
   return most;
 }
 
 /// Joins at least so many frames before f, where both solutions are near each other.
 bool IkClipSolver::join_earlier(std::int64_t f, std::int64_t least) {
-  const std::int64_t count = follow_back(f);
+  const std::int64_t count = follow_back(f, least);
   std::vector<std::pair<double, std::int64_t>> places;
   double before = std::numeric_limits<double>::infinity();
   for (std::int64_t k = 1; k <= count; ++k) {

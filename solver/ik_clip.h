@@ -37,22 +37,22 @@ class IkClipSolver {
   bool mend(std::int64_t frame, IkReport&);
   bool join(std::int64_t frame, std::span<const DualQuaternion> other);
   bool lead_over(std::int64_t frame, std::span<const DualQuaternion> other, std::int64_t count);
-  std::int64_t follow_back(std::int64_t frame);
+  std::int64_t follow_back(std::int64_t frame, std::int64_t least);
   bool join_earlier(std::int64_t frame, std::int64_t least);
   static std::span<DualQuaternion> row(std::vector<DualQuaternion>&, std::int64_t index,
                                        std::int32_t joints);
 
   IkSolver& solver_;
   std::int32_t joints_, effectors_;
-  std::int64_t frames_, next_ = 0, retry_ = 0, jumped_ = -1;
+  std::int64_t frames_, next_ = 0, retry_ = 0, patience_ = 1, jumped_ = -1;
   std::span<const EffectorTarget> targets_;
   std::span<DualQuaternion> poses_;
   std::vector<DualQuaternion> elsewhere_;       ///< [try * joint]
   std::vector<std::pair<double, int>> others_;  ///< turn from the frame's answer (rad), try
+  double credit_;                               ///< frames that may be solved again
   std::vector<DualQuaternion> way_;  ///< [frame * joint] from one solution to another, backwards
   std::vector<DualQuaternion>
-      back_;              ///< [frame * joint] the other solution, backwards; 0: the frame
-  bool reached_ = false;  ///< by the frame before
+      back_;  ///< [frame * joint] the other solution, backwards; 0: the frame
   int mended_ = 0, jumps_ = 0, calm_ = 0;
 };
 

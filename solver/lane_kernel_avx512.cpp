@@ -1,0 +1,2 @@
+#define LIMBER_LANES lanes_avx512
+#include "solver/lane_kernel.h"

@@ -49,23 +49,45 @@ void Frame::prepare(std::size_t n, const Lane& damping) {
   normal.held = select(on, n0 * ahead0 + n1 * ahead1, Lane(0));
 }
 
-void Frame::eliminate(std::size_t n, const Lane& damping) {
-  prepare(n, damping);
-  const LaneNode& node = p_.nodes[n];
-  SpatialInertia<Lane> inertia;
-  Vector6L bias;
-  std::int32_t child = node.first_child;
-  if (child < node.last_child) {
-    inertia = node_[p_.children[child]].outside;
-    bias = node_[p_.children[child]].bias;
-    ++child;
-  } else {
-    inertia.set_zero();
-    bias.fill(Lane(0));
+/// One coordinate: what is felt through it. `out` may be what is felt of it.
+inline void eliminate_coordinate(const Vector6L& axis, CoordinateWork& c, const Felt& in,
+                                 SpatialInertia<Lane>& inertia, Vector6L& bias) {
+  const Vector6L momentum = *in.inertia * axis;
+  const Mask locked = is_set(c.locked);
+  const Lane diagonal = c.diagonal + axis.dot(momentum), drive = c.drive - axis.dot(*in.bias);
+  const Lane inverse = select(locked, Lane(0), Lane(1) / diagonal);
+  c.diagonal = diagonal;
+  c.drive = drive;
+  c.inverse = inverse;
+  c.momentum = momentum;
+  // Held: the push of its step. Free: what is left when it gives way.
+  bias = *in.bias + select(locked, c.held, drive * inverse) * momentum;
+  const Vector6L s = momentum * -inverse;
+  constexpr int kRow[] = {0, 0, 0, 1, 1, 2}, kColumn[] = {0, 1, 2, 1, 2, 2};
+  for (int i = 0; i < 6; ++i) inertia.a[i] = in.inertia->a[i] + s[kRow[i]] * momentum[kColumn[i]];
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) inertia.b[i][j] = in.inertia->b[i][j] + s[i] * momentum[3 + j];
   }
-  for (; child < node.last_child; ++child) {
-    inertia += node_[p_.children[child]].outside;
-    bias += node_[p_.children[child]].bias;
+  for (int i = 0; i < 6; ++i) {
+    inertia.m[i] = in.inertia->m[i] + s[3 + kRow[i]] * momentum[3 + kColumn[i]];
+  }
+}
+
+/// The load of a node: its effectors' and what is felt of its children.
+Felt Frame::collect(std::size_t n) {
+  const LaneNode& node = p_.nodes[n];
+  const auto child = [&](std::int32_t i) -> NodeWork& { return node_[p_.children[i]]; };
+  std::int32_t i = node.first_child;
+  if (node.last_child - i == 1 && node.first_effector == node.last_effector) {
+    return {&child(i).outside, &child(i).bias};
+  }
+  SpatialInertia<Lane>& inertia = node_[n].outside;
+  Vector6L& bias = node_[n].bias;
+  inertia.set_zero();
+  bias.fill(Lane(0));
+  for (; i < node.last_child; ++i) {
+    inertia += child(i).outside;
+    bias += child(i).bias;
   }
   for (std::int32_t i = node.first_effector; i < node.last_effector; ++i) {
     const std::int32_t e = p_.carried[i];
@@ -73,20 +95,20 @@ void Frame::eliminate(std::size_t n, const Lane& damping) {
     inertia.add_angular(lane(s_.inertia[e]));
     bias -= effector_[e].pull;
   }
+  return {&inertia, &bias};
+}
+
+void Frame::eliminate(std::size_t n, const Lane& damping) {
+  prepare(n, damping);
+  const LaneNode& node = p_.nodes[n];
+  NodeWork& work = node_[n];
+  Felt in = collect(n);
   for (std::int32_t k = node.coordinate + node.coordinates - 1; k >= node.coordinate; --k) {
     CoordinateWork& c = coordinate_[k];
-    const Vector6L& axis = node.ellipse && k < node.coordinate + 2 ? c.turned : c.axis;
-    c.momentum = inertia * axis;
-    c.diagonal += axis.dot(c.momentum);
-    c.drive -= axis.dot(bias);
-    const Mask locked = is_set(c.locked);
-    c.inverse = select(locked, Lane(0), Lane(1) / c.diagonal);
-    // Held: the push of its step. Free: what is left when it gives way.
-    bias += select(locked, c.held, c.drive * c.inverse) * c.momentum;
-    inertia.add_outer(c.momentum, -c.inverse);
+    const bool swings = node.ellipse && k < node.coordinate + 2;
+    eliminate_coordinate(swings ? c.turned : c.axis, c, in, work.outside, work.bias);
+    in = {&work.outside, &work.bias};
   }
-  node_[n].outside = inertia;
-  node_[n].bias = bias;
 }
 
 void Frame::substitute() {

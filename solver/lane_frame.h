@@ -51,6 +51,12 @@ inline const Lane& lane(const Pack& p) { return reinterpret_cast<const Lane&>(p)
 inline Mask is_set(const Lane& flag) { return flag > Lane(0.5f); }
 inline Lane flag(Mask m) { return select(m, Lane(1), Lane(0)); }
 
+/// What is felt of a part of the tree from its inner side.
+struct Felt {
+  const SpatialInertia<Lane>* inertia;
+  const Vector6L* bias;
+};
+
 class Frame {
  public:
   Frame(const LaneProblem& p, LaneState& s) : p_(p), s_(s) {
@@ -97,6 +103,7 @@ class Frame {
 
   // lane_elimination.h
   void prepare(std::size_t n, const Lane& damping);
+  Felt collect(std::size_t n);
   void eliminate(std::size_t n, const Lane& damping);
   void substitute();
   Mask update_box(std::size_t n, Mask lanes, bool may_release);

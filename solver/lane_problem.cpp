@@ -18,11 +18,6 @@ namespace lanes_avx2 {
 void follow_frame(const LaneProblem&, LaneState&, const double*);
 }  // namespace lanes_avx2
 #endif
-#ifdef LIMBER_HAS_AVX512
-namespace lanes_avx512 {
-void follow_frame(const LaneProblem&, LaneState&, const double*);
-}  // namespace lanes_avx512
-#endif
 
 namespace {
 
@@ -197,9 +192,6 @@ LaneState::LaneState(const LaneProblem& p)
 std::span<const NamedLaneKernel> lane_kernels() {
   static const std::vector<NamedLaneKernel> kernels = [] {
     std::vector<NamedLaneKernel> all;
-#ifdef LIMBER_HAS_AVX512
-    if (__builtin_cpu_supports("avx512vl")) all.push_back({"avx512", lanes_avx512::follow_frame});
-#endif
 #ifdef LIMBER_HAS_AVX2
     if (__builtin_cpu_supports("avx2")) all.push_back({"avx2", lanes_avx2::follow_frame});
 #endif

@@ -1,2 +1,0 @@
-#define LIMBER_LANES lanes_avx512
-#include "solver/lane_kernel.h"

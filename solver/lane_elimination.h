@@ -8,10 +8,12 @@ namespace limber::LIMBER_LANES {
 namespace {
 
 constexpr int kMostPasses = 5, kReleasePasses = 3, kTangentPasses = 3;
-// rad, m: less beyond a limit is cut off without another pass. A tenth of the tolerance at an arm's
-// length of 1 m.
+// rad, m, and of an ellipse's level: less beyond a limit is cut off without another pass. At a
+// metre's distance that is a tenth of the tolerance, which is checked all the same.
 constexpr float kTouch = 1e-5f;
-constexpr float kSlidePart = 0.02f;  // of the largest step: shorter ways along a tangent are none
+// Of the largest step: shorter ways along a tangent are none. Five times the solver for one's: here
+// a pass is for eight.
+constexpr float kSlidePart = 0.1f;
 
 /// Of a held swing, coordinate 0 becomes the tangent (-n1, n0), coordinate 1 the normal; free lanes
 /// keep theirs: n = (0, 1) would make them (-1) * 0 and 1.
@@ -111,7 +113,9 @@ void Frame::eliminate(std::size_t n, const Lane& damping) {
   }
 }
 
-void Frame::substitute() {
+/// Returns the largest step (rad, m).
+Lane Frame::substitute() {
+  Lane largest = 0;
   for (std::size_t n = 0; n < p_.nodes.size(); ++n) {
     const LaneNode& node = p_.nodes[n];
     Vector6L twist;
@@ -127,6 +131,7 @@ void Frame::substitute() {
       c.multiplier = feel + c.diagonal * c.held - c.drive;
       c.step = select(is_set(c.locked), c.held, (c.drive - feel) * c.inverse);
       twist += c.step * axis;
+      largest = max(largest, abs(c.step));
     }
     node_[n].twist = twist;
     const Swing& swing = node_[n].swing;
@@ -138,6 +143,7 @@ void Frame::substitute() {
     c0.step = out * n0 - along * n1;
     c1.step = out * n1 + along * n0;
   }
+  return largest;
 }
 
 /// Locks what left its range, releases what the objective pulls inwards. Returns where it did.
@@ -201,11 +207,7 @@ void Frame::solve(const Lane& damping, Mask lanes) {
       node_[n].dirty = false;
       if (p_.nodes[n].parent >= 0) node_[p_.nodes[n].parent].dirty = true;
     }
-    substitute();
-    Lane largest = 0;
-    for (std::size_t k = 0; k < p_.min.size(); ++k) {
-      largest = max(largest, abs(coordinate_[k].step));
-    }
+    const Lane largest = substitute();
     const Lane slide_tolerance = max(Lane(kSlidePart) * largest, Lane(kTouch));
     const bool may_release = pass < kReleasePasses;
     Mask changed = none();

@@ -105,7 +105,7 @@ class Frame {
   void prepare(std::size_t n, const Lane& damping);
   Felt collect(std::size_t n);
   void eliminate(std::size_t n, const Lane& damping);
-  void substitute();
+  Lane substitute();
   Mask update_box(std::size_t n, Mask lanes, bool may_release);
   Mask update_swing(std::size_t n, Mask lanes, bool may_release, const Lane& slide_tolerance);
   void solve(const Lane& damping, Mask lanes);

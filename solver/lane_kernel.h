@@ -19,7 +19,7 @@
 namespace limber::LIMBER_LANES {
 namespace {
 
-constexpr int kMostRelinearisations = 5;
+constexpr int kMostRelinearisations = 8;  // one for eight is cheaper than one alone
 constexpr float kLeastDamping = 1e-7f, kMoreDamping = 32.0f, kLessDamping = 0.1f;
 
 void Frame::follow(const double* targets) {

@@ -60,8 +60,9 @@ void spoil(Asked& run, unsigned seed) {
   }
 }
 
-LaneSolver solver_for(const Rig& rig, const std::vector<Asked>& runs, const std::string& level = "") {
-  Result<LaneSolver> made = LaneSolver::create(rig, {.measure_residual = false});
+LaneSolver solver_for(const Rig& rig, const std::vector<Asked>& runs, const std::string& level = "",
+                      const IkOptions& options = {}) {
+  Result<LaneSolver> made = LaneSolver::create(rig, options);
   if (!made) throw std::runtime_error(made.error().message);
   if (!level.empty()) made->use_level(level);
   for (int lane = 0; lane < kLanes; ++lane) made->start(lane, runs[lane].start);
@@ -160,7 +161,8 @@ std::pair<double, double> worst_miss(const Rig& rig, const Targets& targets, con
 }
 
 TEST(LaneSolver, ReachesWhatTheSolverForOneReaches) {
-  const IkOptions options;
+  // Tight, so that poses can be compared: 0.1 mm would be 3 mrad of a finger's last joint.
+  const IkOptions options{.stop_position_m = 5e-6, .stop_orientation_rad = 5e-5};
   for (const char* name : kRigs) {
     const Rig rig = test::shipped_rig(name);
     const std::vector<Asked> runs = runs_of(rig, 60);
@@ -171,7 +173,7 @@ TEST(LaneSolver, ReachesWhatTheSolverForOneReaches) {
       pose[lane] = runs[lane].start;
       one[lane].solve(runs[lane].frames[0], pose[lane]);
     }
-    LaneSolver lanes = solver_for(rig, runs);
+    LaneSolver lanes = solver_for(rig, runs, "", options);
     follow_all(rig, lanes, runs, [&](int lane, std::size_t frame, const Pose& got) {
       const Targets& targets = runs[lane].frames[frame];
       const IkReport report =
@@ -182,8 +184,9 @@ TEST(LaneSolver, ReachesWhatTheSolverForOneReaches) {
       // Floats: a few roundings of a world some metres wide, along a chain of joints.
       EXPECT_LT(far, options.stop_position_m + 5e-6) << name << " frame " << frame;
       EXPECT_LT(wide, options.stop_orientation_rad + 5e-6) << name << " frame " << frame;
-      for (std::size_t j = 0; j < got.size(); ++j) {
-        EXPECT_LT(got[j].rotation().angularDistance(pose[lane][j].rotation()), 0.02)
+      // Five fingertips leave the hand no choice; a body's swivels may coast elsewhere.
+      for (std::size_t j = 0; rig.name == "hand" && j < got.size(); ++j) {
+        EXPECT_LT(got[j].rotation().angularDistance(pose[lane][j].rotation()), 1e-3)
             << name << " " << rig.joints[j].name << " lane " << lane << " frame " << frame;
       }
     });

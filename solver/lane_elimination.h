@@ -15,8 +15,8 @@ constexpr float kTouch = 1e-5f;
 // a pass is for eight.
 constexpr float kSlidePart = 0.1f;
 
-/// Of a held swing, coordinate 0 becomes the tangent (-n1, n0), coordinate 1 the normal; free lanes
-/// keep theirs: n = (0, 1) would make them (-1) * 0 and 1.
+/// Of a held swing, coordinate 0 becomes the tangent (-n1, n0), coordinate 1 the normal. Lanes that
+/// are free take n = (0, 1), which is their own axes, the first one backwards: to the bit the same.
 void Frame::prepare(std::size_t n, const Lane& damping) {
   const LaneNode& node = p_.nodes[n];
   for (std::int32_t k = node.coordinate; k < node.coordinate + node.coordinates; ++k) {

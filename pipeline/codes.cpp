@@ -332,6 +332,10 @@ constexpr auto kCodes = std::to_array<CodeInfo>({
     {"solver-gap",
      "The second solver found notably better poses in some frames.",
      "Look at the sheet at those frames; please report the clip."},
+    {"solver-lanes",
+     "The rig has effectors that cannot be solved side by side: only poses, positions and "
+     "orientations of joints that move can.",
+     "Use --lanes 1, or leave out the other effectors."},
     {"solver-options",
      "The solver was given options it cannot follow.",
      "Correct the option."},

@@ -1,9 +1,11 @@
-// What surrounds a lane kernel: doubles to floats and back, and the frames that it gives up.
+// What surrounds a lane kernel: starts, and what the kernel leaves to doubles.
 #include "solver/lane_solver.h"
 
 #include <algorithm>
 #include <array>
 
+#include "solver/ik_tree.h"
+#include "solver/joint_chart.h"
 #include "solver/lane_problem.h"
 
 namespace limber {
@@ -12,96 +14,80 @@ struct LaneSolver::State {
   State(const Rig& source, const IkOptions& options, IkSolver&& one)
       : rig(source),
         tree(source),
-        problem(configured(tree, options)),
+        problem(tree, source, options),
         lanes(problem),
+        poses(LaneSolver::lanes * problem.joints),
         alone(std::move(one)),
-        states(LaneSolver::lanes, tree.make_state()),
-        goals(tree.effectors.size()),
-        pose(skeleton_of(source).rest_parent_from_joint),
-        outside(LaneSolver::lanes, pose),
-        kernel(lane_kernels().front()) {}
+        exact(tree.make_state()),
+        kernel(lane_kernels().front()) {
+    lanes.poses = reinterpret_cast<double*>(poses.data());
+    for (std::size_t n = 0; n < problem.nodes.size(); ++n) {
+      if (problem.nodes[n].thin) {
+        thin.push_back({n, JointChart(rig.joints[problem.nodes[n].joint])});
+      }
+    }
+  }
 
-  static LaneProblem configured(const IkTree& tree, const IkOptions& options);
-  void read(int lane, const std::vector<Pack>& x, const std::vector<Pack>& turn, IkState&) const;
-  void write(int lane, const IkState&, std::vector<Pack>& x, std::vector<Pack>& turn) const;
-  void set_goals(int lane, std::span<const EffectorTarget>);
+  std::span<DualQuaternion> pose(int lane) {
+    return std::span(poses).subspan(lane * problem.joints, problem.joints);
+  }
+  void write(int lane, std::vector<Pack>& x, std::vector<Pack>& turn) const;
+  void store_thin(int lane);
   void solve_alone(int lane, std::span<const EffectorTarget>);
+  void shift_answers();
+
+  struct Thin {
+    std::size_t node;
+    JointChart chart;
+  };
 
   Rig rig;
   IkTree tree;
   LaneProblem problem;
   LaneState lanes;
+  std::vector<DualQuaternion> poses;  ///< [lane * joints + joint]
   IkSolver alone;
-  std::vector<IkState> states;  ///< [lane] answers, in doubles
-  std::vector<IkGoal> goals;
-  Pose pose;
-  std::vector<Pose> outside;  ///< [lane] joints that are no node
+  IkState exact;  ///< of one lane, in doubles
+  std::vector<Thin> thin;
   std::array<IkReport, LaneSolver::lanes> reports;
   NamedLaneKernel kernel;
 };
 
-namespace {
-
-constexpr double kEase = 5e-4, kCalm = 0.9;  // as ik_solver.cpp
-constexpr double kFloatDamping = 1e-5;       // what floats can tell from nothing
-
-}  // namespace
-
-LaneProblem LaneSolver::State::configured(const IkTree& tree, const IkOptions& options) {
-  LaneProblem p(tree);
-  const auto square = [](double v) { return static_cast<float>(v * v); };
-  p.stop_position2 = square(options.stop_position_m);
-  p.stop_rotation2 = square(options.stop_orientation_rad);
-  p.ease = static_cast<float>(kEase);
-  p.calm = static_cast<float>(kCalm);
-  p.damping = static_cast<float>(std::max(options.damping, kFloatDamping));
-  p.extrapolate = options.extrapolate;
-  return p;
-}
-
-void LaneSolver::State::read(int lane, const std::vector<Pack>& x, const std::vector<Pack>& turn,
-                             IkState& out) const {
-  for (std::size_t k = 0; k < x.size(); ++k) out.x[k] = x[k].lane[lane];
+/// `exact` to floats.
+void LaneSolver::State::write(int lane, std::vector<Pack>& x, std::vector<Pack>& turn) const {
+  for (std::size_t k = 0; k < x.size(); ++k) x[k].lane[lane] = static_cast<float>(exact.x[k]);
   for (std::size_t n = 0; n < problem.nodes.size(); ++n) {
-    if (!problem.nodes[n].turns) continue;
-    const Pack* q = &turn[4 * n];
-    out.rotation[n] =
-        Eigen::Quaterniond(q[0].lane[lane], q[1].lane[lane], q[2].lane[lane], q[3].lane[lane])
-            .normalized();
-  }
-  tree.project(out.x);
-}
-
-void LaneSolver::State::write(int lane, const IkState& in, std::vector<Pack>& x,
-                              std::vector<Pack>& turn) const {
-  for (std::size_t k = 0; k < x.size(); ++k) x[k].lane[lane] = static_cast<float>(in.x[k]);
-  for (std::size_t n = 0; n < problem.nodes.size(); ++n) {
-    const Eigen::Quaterniond& q = in.rotation[n];
+    const Eigen::Quaterniond& q = exact.rotation[n];
     turn[4 * n].lane[lane] = static_cast<float>(q.w());
     for (int i = 0; i < 3; ++i) turn[4 * n + 1 + i].lane[lane] = static_cast<float>(q.vec()[i]);
   }
 }
 
-void LaneSolver::State::set_goals(int lane, std::span<const EffectorTarget> targets) {
-  tree.resolve(targets, goals);
-  for (std::size_t e = 0; e < goals.size(); ++e) {
-    const IkGoal& goal = goals[e];
-    for (int i = 0; i < 3; ++i) {
-      lanes.goal_position[3 * e + i].lane[lane] = static_cast<float>(goal.position[i]);
-      lanes.goal_rotation[4 * e + 1 + i].lane[lane] = static_cast<float>(goal.rotation.vec()[i]);
-    }
-    lanes.goal_rotation[4 * e].lane[lane] = static_cast<float>(goal.rotation.w());
-    lanes.mass[e].lane[lane] = static_cast<float>(goal.mass);
-    lanes.inertia[e].lane[lane] = static_cast<float>(goal.inertia);
+/// Joints with a range that floats cannot keep: projected and composed in doubles.
+void LaneSolver::State::store_thin(int lane) {
+  if (thin.empty()) return;
+  for (std::size_t k = 0; k < lanes.x.size(); ++k) exact.x[k] = lanes.x[k].lane[lane];
+  tree.project(exact.x);
+  for (const Thin& t : thin) {
+    const IkNode& node = tree.nodes[t.node];
+    const std::span<const double> w(&exact.x[node.coordinate],
+                                    static_cast<std::size_t>(node.coordinates));
+    pose(lane)[node.joint] = t.chart.parent_from_joint(w);
   }
 }
 
 void LaneSolver::State::solve_alone(int lane, std::span<const EffectorTarget> targets) {
-  read(lane, lanes.x, lanes.turn, states[lane]);
-  tree.store(states[lane], pose);
-  reports[lane] = alone.solve(targets, pose);
-  tree.load(pose, states[lane]);
-  write(lane, states[lane], lanes.x, lanes.turn);
+  reports[lane] = alone.solve(targets, pose(lane));
+  tree.load(pose(lane), exact);
+  write(lane, lanes.x, lanes.turn);
+  lanes.fresh.lane[lane] = 1.0f;
+}
+
+void LaneSolver::State::shift_answers() {
+  std::swap(lanes.before, lanes.last);
+  std::swap(lanes.before_turn, lanes.last_turn);
+  std::swap(lanes.last, lanes.x);
+  std::swap(lanes.last_turn, lanes.turn);
 }
 
 LaneSolver::LaneSolver(std::unique_ptr<State> state) : state_(std::move(state)) {}
@@ -123,7 +109,10 @@ Result<LaneSolver> LaneSolver::create(const Rig& rig, const IkOptions& options) 
                  .message = "lanes solve poses, positions and orientations of joints that move",
                  .hint = "use one lane, or leave out the other effectors"};
   }
-  return LaneSolver(std::move(state));
+  LaneSolver solver(std::move(state));
+  const Pose rest = skeleton_of(rig).rest_parent_from_joint;
+  for (int lane = 0; lane < lanes; ++lane) solver.start(lane, rest);
+  return solver;
 }
 
 const char* LaneSolver::level() const { return state_->kernel.level; }
@@ -140,46 +129,40 @@ void LaneSolver::use_level(const std::string& level) {
   }
 }
 
-void LaneSolver::start(int lane, std::span<const DualQuaternion> pose) {
+void LaneSolver::start(int lane, std::span<const DualQuaternion> start) {
   State& s = *state_;
-  s.tree.load(pose, s.states[lane]);
-  s.write(lane, s.states[lane], s.lanes.last, s.lanes.last_turn);
-  s.write(lane, s.states[lane], s.lanes.x, s.lanes.turn);
-  s.outside[lane].assign(pose.begin(), pose.end());
-  s.lanes.answers = 1;
+  std::ranges::copy(start, s.pose(lane).begin());
+  for (std::int32_t joint = 0; joint < s.rig.size(); ++joint) {
+    project_joint(s.rig, joint, s.pose(lane));
+  }
+  s.tree.load(start, s.exact);
+  s.write(lane, s.lanes.last, s.lanes.last_turn);
+  s.write(lane, s.lanes.before, s.lanes.before_turn);
+  s.lanes.fresh.lane[lane] = 1.0f;
 }
 
 int LaneSolver::follow(std::span<const EffectorTarget> targets) {
   State& s = *state_;
-  const std::size_t effectors = s.goals.size();
-  const auto of = [&](int lane) { return targets.subspan(lane * effectors, effectors); };
-  for (int lane = 0; lane < lanes; ++lane) s.set_goals(lane, of(lane));
-  s.kernel.follow(s.problem, s.lanes);
+  const std::size_t effectors = s.problem.effectors.size();
+  s.kernel.follow(s.problem, s.lanes, reinterpret_cast<const double*>(targets.data()));
   int alone = 0;
   for (int lane = 0; lane < lanes; ++lane) {
-    s.reports[lane] = {};
-    s.reports[lane].relinearisations = s.lanes.relinearisations;
-    s.reports[lane].tree_passes = s.lanes.tree_passes;
-    s.reports[lane].reached = s.lanes.missed[lane] == 0;
-    if (s.lanes.missed[lane] != 0) {
-      s.solve_alone(lane, of(lane));
-      ++alone;
-    } else {
-      s.read(lane, s.lanes.x, s.lanes.turn, s.states[lane]);
-    }
+    s.store_thin(lane);
+    IkReport& report = s.reports[lane];
+    report = {};
+    report.relinearisations = static_cast<int>(s.lanes.relinearisations.lane[lane]);
+    report.tree_passes = static_cast<int>(s.lanes.tree_passes.lane[lane]);
+    report.reached = report.converged = s.lanes.missed.lane[lane] == 0.0f;
+    if (report.reached) continue;
+    s.solve_alone(lane, targets.subspan(lane * effectors, effectors));
+    ++alone;
   }
-  std::swap(s.lanes.before, s.lanes.last);
-  std::swap(s.lanes.before_turn, s.lanes.last_turn);
-  s.lanes.last = s.lanes.x;
-  s.lanes.last_turn = s.lanes.turn;
-  s.lanes.answers = std::min(s.lanes.answers + 1, 2);
+  s.shift_answers();
   return alone;
 }
 
 void LaneSolver::pose(int lane, std::span<DualQuaternion> pose) const {
-  const State& s = *state_;
-  for (const std::int32_t joint : s.tree.outside) pose[joint] = s.outside[lane][joint];
-  s.tree.store(s.states[lane], pose);
+  std::ranges::copy(state_->pose(lane), pose.begin());
 }
 
 IkReport LaneSolver::report(int lane) const { return state_->reports[lane]; }

@@ -60,6 +60,7 @@ constexpr int kBends = 2, kSettles = 10;
 constexpr double kSettleDamping = 1.0;  // of the least step
 constexpr double kPenalty = 1.5;        // of the largest multiplier
 constexpr double kJump = 8e-3;          // m per frame^2: what is more has jumped
+constexpr double kHaste = 10.0;         // of what the targets themselves change by
 constexpr double kMostStray = 2.5e-3;   // m per frame^2 at a coordinate's farthest effector
 constexpr double kStalling = 0.7;       // a relative fall below this asks for the errors' curvature
 
@@ -138,7 +139,8 @@ struct IkSolver::State {
   IkState last, before;  ///< answers to the calls before
   int answers = 0;       ///< how many of them there are
   Eigen::VectorXd lever, free_min, free_max;
-  std::vector<char> braking;  ///< [coordinate] on its way after a jump
+  std::vector<Eigen::Vector3d> aimed, aimed_before;  ///< [effector] goals of the calls before
+  std::vector<char> braking;                         ///< [coordinate] on its way after a jump
   double settled_damping = 0.0;
   std::vector<DualQuaternion> outside;  ///< [joint] where that is no node: as last given
   IkKinematics at_now, at_next;
@@ -369,7 +371,7 @@ void IkSolver::State::descend(IkReport& report, bool following) {
       } else {
         // With the pull no damping makes the step small. On the way to a tolerance that is welcome,
         // it leads out of corners; where the optimum itself is sought, it ends short of it.
-        if (!options.stop_at_tolerance) wish.setZero();
+        if (following || !options.stop_at_tolerance) wish.setZero();
         damping *= growth;
         growth *= 2.0;
         report.converged = negligible || damping > kMostDamping;
@@ -398,6 +400,8 @@ void IkSolver::State::descend(IkReport& report, bool following) {
 /// has no range of its own.
 void IkSolver::State::measure_levers() {
   lever = free_min = free_max = 0.0 * step;
+  aimed.assign(goals.size(), Eigen::Vector3d::Zero());
+  aimed_before = aimed;
   braking.assign(static_cast<std::size_t>(step.size()), 0);
   tree.evaluate(last, goals, at_now);
   for (std::size_t e = 0; e < tree.effectors.size(); ++e) {
@@ -414,14 +418,20 @@ void IkSolver::State::measure_levers() {
 /// Holds the coordinates that `now` lets jump where they may be by this frame; true: there are
 /// some. `now` goes back to the frame's start.
 bool IkSolver::State::brake() {
+  // The targets' own second difference is no jump.
+  double pace = 0.0;
+  for (std::size_t e = 0; e < goals.size() && answers > 1; ++e) {
+    if (goals[e].mass <= 0.0) continue;
+    pace = std::max(pace, (goals[e].position - 2.0 * aimed[e] + aimed_before[e]).norm());
+  }
   bool some = false;
   free_min = tree.min;
   free_max = tree.max;
   for (Eigen::Index k = 0; k < lever.size(); ++k) {
     const double stray = lever[k] * std::abs(now.x[k] - start[k]);
-    braking[k] = stray > (braking[k] ? kMostStray : kJump);
+    braking[k] = stray > (braking[k] ? kMostStray + pace : kJump + kHaste * pace);
     if (!braking[k]) continue;
-    const double most = kMostStray / lever[k], ahead = now.x[k] - last.x[k];
+    const double most = (kMostStray + pace) / lever[k], ahead = now.x[k] - last.x[k];
     const double speed =
         answers > 1 ? std::max((last.x[k] - before.x[k]) * (ahead < 0 ? -1 : 1), 0.0) : 0.0;
     const double way =
@@ -439,6 +449,8 @@ bool IkSolver::State::brake() {
 void IkSolver::State::remember() {
   std::swap(before, last);
   last = now;
+  std::swap(aimed, aimed_before);
+  for (std::size_t e = 0; e < goals.size(); ++e) aimed[e] = goals[e].position;
   ++answers;
 }
 

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 
+#include "solver/ik_descent.h"
 #include "solver/ik_tree.h"
 #include "solver/joint_chart.h"
 #include "solver/lane_problem.h"

@@ -265,12 +265,16 @@ void IkDescent::descend(IkReport& report, bool following) {
       const EliminationStats stats = solve_linear(damping, report);
       tree.move(now, step, next);
       evaluate(next, at_next, rows_next);
-      const double predicted = predicted_fall(damping);
+      const bool arrived = following && done(at_next, rows_next);
+      const double predicted = arrived ? 0.0 : predicted_fall(damping);
       if (rows_next.worst > 1.0) bend_step(damping, report);
       const double fall = merit(at_now, rows_now) - merit(at_next, rows_next);
       const bool negligible = step.cwiseAbs().maxCoeff() < options.stop_step;
-      fell = fall >= 0.0 || (following && done(at_next, rows_next));
-      if (fell) {
+      fell = fall >= 0.0 || arrived;
+      if (arrived) {
+        damping = std::max(least, kShrink * damping);
+        report.converged = true;
+      } else if (fell) {
         const double agreement = predicted > 0.0 ? fall / predicted : 1.0;
         const double cube = std::pow(2.0 * agreement - 1.0, 3);
         damping = std::max(least, damping * std::max(kShrink, 1.0 - cube));

@@ -331,7 +331,7 @@ IkReport IkSolver::follow(std::span<const EffectorTarget> targets, std::span<Dua
   report.cost = s.at_now.cost;
   report.reached = s.rows_next.reached && s.reached(s.at_now);
   for (const std::int32_t joint : s.tree.outside) pose[joint] = s.outside[joint];
-  s.tree.store(s.now, pose);
+  s.tree.store(s.now, s.at_now, pose);
   return report;
 }
 

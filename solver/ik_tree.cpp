@@ -177,6 +177,7 @@ void IkTree::add_node(const RigJoint& joint, std::int32_t index, std::int32_t pa
     node.ellipse = node.swing.max0 - node.swing.min0 > kNoWidth &&
                    node.swing.max1 - node.swing.min1 > kNoWidth;
   }
+  node.local = joint.rest * node.after.conjugate();
   const Eigen::Index first = node.coordinate, count = first + node.coordinates;
   min.conservativeResize(count);
   max.conservativeResize(count);
@@ -278,6 +279,7 @@ IkKinematics IkTree::make_kinematics() const {
   IkKinematics k;
   k.rotation.resize(nodes.size());
   k.position.resize(nodes.size());
+  k.motion.resize(nodes.size(), Eigen::Quaterniond::Identity());
   k.axis.resize(coordinate_count(), Vector6::Zero());
   k.error.resize(effectors.size());
   k.origin.setZero();
@@ -309,26 +311,40 @@ void IkTree::load(std::span<const DualQuaternion> pose, IkState& state) const {
   project(state.x);
 }
 
+namespace {
+
+Eigen::Quaterniond motion_of(const IkNode& node, const IkState& state, std::size_t n) {
+  const double* x = &state.x[node.coordinate];
+  if (node.chart) return swing_twist_motion(x[0], x[1], x[2]) * node.after;
+  if (node.type == JointType::hinge) return about(node.axis0, x[0]);
+  if (node.type == JointType::universal) return about(node.axis0, x[0]) * about(node.axis1, x[1]);
+  return state.rotation[n];
+}
+
+}  // namespace
+
 void IkTree::store(const IkState& state, std::span<DualQuaternion> pose) const {
   for (std::size_t n = 0; n < nodes.size(); ++n) {
-    const IkNode& node = nodes[n];
-    const RigJoint& joint = rig_.joints[node.joint];
-    const double* x = &state.x[node.coordinate];
-    Eigen::Vector3d offset = joint.offset;
-    Eigen::Quaterniond motion;
-    if (node.chart) {
-      motion = node.after.conjugate() * swing_twist_motion(x[0], x[1], x[2]) * node.after;
-    } else if (node.type == JointType::hinge) {
-      motion = about(joint.axes[0], x[0]);
-    } else if (node.type == JointType::universal) {
-      motion = about(joint.axes[0], x[0]) * about(joint.axes[1], x[1]);
-    } else {
-      motion = state.rotation[n];
-      if (node.type == JointType::free) offset += Eigen::Vector3d(x[0], x[1], x[2]);
-    }
-    pose[node.joint] =
-        DualQuaternion::from_rotation_translation((joint.rest * motion).normalized(), offset);
+    store_node(n, state, motion_of(nodes[n], state, n), pose);
   }
+}
+
+void IkTree::store(const IkState& state, const IkKinematics& kinematics,
+                   std::span<DualQuaternion> pose) const {
+  for (std::size_t n = 0; n < nodes.size(); ++n) {
+    store_node(n, state, kinematics.motion[n], pose);
+  }
+}
+
+void IkTree::store_node(std::size_t n, const IkState& state, const Eigen::Quaterniond& motion,
+                        std::span<DualQuaternion> pose) const {
+  const IkNode& node = nodes[n];
+  const double* x = &state.x[node.coordinate];
+  Eigen::Vector3d offset = rig_.joints[node.joint].offset;
+  if (node.type == JointType::free) offset += Eigen::Vector3d(x[0], x[1], x[2]);
+  Eigen::Quaterniond local = node.local * motion;
+  local.coeffs() *= 1.5 - 0.5 * local.squaredNorm();  // a unit but for rounding
+  pose[node.joint] = DualQuaternion::from_rotation_translation(local, offset);
 }
 
 void IkTree::resolve(std::span<const EffectorTarget> targets, std::span<IkGoal> goals) const {
@@ -340,18 +356,10 @@ void IkTree::evaluate(const IkState& state, std::span<const IkGoal> goals,
   for (std::size_t n = 0; n < nodes.size(); ++n) {
     const IkNode& node = nodes[n];
     const double* x = &state.x[node.coordinate];
-    Eigen::Quaterniond motion;
     Eigen::Vector3d offset = node.offset;
-    if (node.chart) {
-      motion = swing_twist_motion(x[0], x[1], x[2]) * node.after;
-    } else if (node.type == JointType::hinge) {
-      motion = about(node.axis0, x[0]);
-    } else if (node.type == JointType::universal) {
-      motion = about(node.axis0, x[0]) * about(node.axis1, x[1]);
-    } else {
-      motion = state.rotation[n];
-      if (node.type == JointType::free) offset += node.slide * Eigen::Vector3d(x[0], x[1], x[2]);
-    }
+    if (node.type == JointType::free) offset += node.slide * Eigen::Vector3d(x[0], x[1], x[2]);
+    const Eigen::Quaterniond motion = motion_of(node, state, n);
+    out.motion[n] = motion;
     if (node.parent < 0) {
       out.rotation[n] = node.before * motion;
       out.position[n] = offset;

@@ -28,6 +28,7 @@ struct IkNode {
   Eigen::Quaterniond slide;      ///< free: axes of its translation, in the parent node's space
   Eigen::Quaterniond before;     ///< parent_from_joint rotation = before * motion * after
   Eigen::Quaterniond after;  ///< chart: turns the triad to (x, y, z), so that motion is canonical
+  Eigen::Quaterniond local;  ///< the joint's local rotation = local * (motion * after)
   Eigen::Vector3d axis0, axis1;  ///< hinge, universal: in the space after `before`
   SwingEllipse swing{};
 };
@@ -74,6 +75,7 @@ struct IkState {
 struct IkKinematics {
   std::vector<Eigen::Quaterniond> rotation;  ///< [node] world_from_node
   std::vector<Eigen::Vector3d> position;     ///< [node] world
+  std::vector<Eigen::Quaterniond> motion;    ///< [node] motion * after, of its coordinates
   std::vector<Vector6> axis;                 ///< [coordinate] twist of a unit step
   std::vector<IkError> error;                ///< [effector]
   Eigen::Vector3d origin;                    ///< twists are about this point
@@ -98,6 +100,9 @@ class IkTree {
   /// Pose to coordinates, moved into limits; and back (joints outside the tree stay).
   void load(std::span<const DualQuaternion> parent_from_joint, IkState&) const;
   void store(const IkState&, std::span<DualQuaternion> parent_from_joint) const;
+  /// The same of a state that `kinematics` were evaluated at.
+  void store(const IkState&, const IkKinematics&,
+             std::span<DualQuaternion> parent_from_joint) const;
 
   void resolve(std::span<const EffectorTarget>, std::span<IkGoal>) const;
 
@@ -124,6 +129,8 @@ class IkTree {
   Eigen::VectorXd damping;   ///< [coordinate] 1 for rad; 1 / l^2, l = 1 m, for metres
 
  private:
+  void store_node(std::size_t node, const IkState&, const Eigen::Quaterniond& motion,
+                  std::span<DualQuaternion> parent_from_joint) const;
   void add_node(const RigJoint&, std::int32_t joint, std::int32_t parent_node,
                 const DualQuaternion& node_from_parent_joint);
 

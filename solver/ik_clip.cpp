@@ -22,6 +22,7 @@ namespace {
 constexpr double kMostBend = 3e-3;  // rad per frame^2, of the way to another solution
 constexpr int kLonger = 3;          // ways to try, each twice as long as the one before
 constexpr std::int64_t kShortest = 8, kLongest = 256, kFarthestBack = 512;
+constexpr std::size_t kTried = 4;      // other solutions are enough
 constexpr int kStrewn = 12;            // starts in search of another solution,
 constexpr double kStrewnWidth = 0.35;  // rad on each axis of each joint
 constexpr double kStray = 0.06;  // rad: a frame further from where its start pointed has jumped
@@ -141,7 +142,7 @@ void IkClipSolver::watch(std::int64_t f, const IkReport& report) {
 /// from starts strewn about the frame before, always the same ones. The nearest first.
 void IkClipSolver::look_elsewhere(std::int64_t f, IkReport& report) {
   others_.clear();
-  for (int i = 0; i <= kStrewn; ++i) {
+  for (int i = 0; i <= kStrewn && others_.size() < kTried; ++i) {
     const auto other = row(elsewhere_, i, joints_);
     std::ranges::copy(pose(f - 1), other.begin());
     IkReport tried;

@@ -49,7 +49,7 @@ std::string head(const ContestOptions& options) {
   return fmt::format(
       "Joint-limited inverse kinematics, one core, {} rounds in turns, a frame's time its median\n"
       "over the rounds. Everybody stops where every strong effector is within the workload's stop\n"
-      "tolerance (ours within a tenth of it), and is built with the same compiler flags. A motion\n"
+      "tolerance, and is built with the same compiler flags. A motion\n"
       "starts from its first frame's truth, then from the extrapolated last solutions (or, where\n"
       "the name says so, the last one); a lone pose starts at rest. Who would take longer than\n"
       "{:g} s for a workload solves fewer rounds, then only its first frames, and ratios are over\n"

@@ -15,6 +15,9 @@
 #include <limits>
 #include <utility>
 
+#include "solver/ik_descent.h"
+#include "solver/strewn_numbers.h"
+
 namespace limber {
 
 namespace {
@@ -29,7 +32,6 @@ constexpr double kStray = 0.06;  // rad: a frame further from where its start po
 constexpr int kCalmFrames = 4;   // after a jump
 constexpr std::int64_t kLongestJump = 30;
 constexpr int kJoints = 6;                    // places to join at, the nearest first
-constexpr double kWoundCost = 0.05 * 0.05;    // m^2; a worse miss is a target out of reach
 constexpr double kMerged = 1e-4;              // rad: two solutions are one
 constexpr std::int64_t kMostPatience = 1024;  // frames before the next try where none was found
 // Frames may be solved again for a hurry's sake, some for each new frame, saved up to so many.
@@ -49,14 +51,8 @@ DualQuaternion moved(const DualQuaternion& from, const DualQuaternion& a, const 
 
 /// Every joint turned by up to `width` rad about an axis of its own.
 void strew(double width, std::uint64_t seed, std::span<DualQuaternion> pose) {
-  seed *= 0x9e3779b97f4a7c15ULL;
-  const auto uniform = [&seed] {  // splitmix64
-    seed += 0x9e3779b97f4a7c15ULL;
-    std::uint64_t z = seed;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-    return static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-52 - 1.0;
-  };
+  StrewnNumbers numbers(seed);
+  const auto uniform = [&numbers] { return 2.0 * numbers.next() - 1.0; };
   for (DualQuaternion& joint : pose) {
     const Eigen::Vector3d v = width * Eigen::Vector3d(uniform(), uniform(), uniform());
     const Eigen::Quaterniond turn(Eigen::AngleAxisd(v.norm(), v.normalized()));

@@ -23,16 +23,16 @@
 #include "solver/ik_descent.h"
 #include "solver/paper_ik.h"
 #include "solver/speed_limits.h"
+#include "solver/strewn_numbers.h"
 
 namespace limber {
 
 namespace {
 
-constexpr int kUnwinds = 3;                 // a third, two thirds, all of the way to the middle
-constexpr double kWoundCost = 0.05 * 0.05;  // m^2; a worse miss is a target out of reach
-constexpr double kJump = 8e-3;              // m per frame^2: what is more has jumped
-constexpr double kHaste = 10.0;             // of what the targets themselves change by
-constexpr double kMostStray = 2.5e-3;       // m per frame^2 at a coordinate's farthest effector
+constexpr int kUnwinds = 3;            // a third, two thirds, all of the way to the middle
+constexpr double kJump = 8e-3;         // m per frame^2: what is more has jumped
+constexpr double kHaste = 10.0;        // of what the targets themselves change by
+constexpr double kMostStray = 2.5e-3;  // m per frame^2 at a coordinate's farthest effector
 
 }  // namespace
 
@@ -157,21 +157,14 @@ void IkSolver::State::extrapolate() {
 
 /// Another start: coordinates with a range drawn from a fixed sequence, the others kept.
 void IkSolver::State::restart(int attempt) {
-  std::uint64_t seed = 0x9e3779b97f4a7c15ULL * static_cast<std::uint64_t>(attempt + 1);
-  const auto uniform = [&seed] {  // splitmix64
-    seed += 0x9e3779b97f4a7c15ULL;
-    std::uint64_t z = seed;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
-    return static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-53;
-  };
+  StrewnNumbers uniform(static_cast<std::uint64_t>(attempt + 1));
   for (Eigen::Index k = 0; k < now.x.size(); ++k) {
     if (std::isfinite(tree.min[k]))
-      now.x[k] = tree.min[k] + uniform() * (tree.max[k] - tree.min[k]);
+      now.x[k] = tree.min[k] + uniform.next() * (tree.max[k] - tree.min[k]);
   }
   for (const EllipseLimit& e : ellipses) {
-    now.x[e.coordinate] = e.swing.min0 + uniform() * (e.swing.max0 - e.swing.min0);
-    now.x[e.coordinate + 1] = e.swing.min1 + uniform() * (e.swing.max1 - e.swing.min1);
+    now.x[e.coordinate] = e.swing.min0 + uniform.next() * (e.swing.max0 - e.swing.min0);
+    now.x[e.coordinate + 1] = e.swing.min1 + uniform.next() * (e.swing.max1 - e.swing.min1);
   }
   tree.project(now.x);
 }
@@ -296,7 +289,7 @@ IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<Dual
     project_into_limits(s.rig, pose);  // what is inside stays bit for bit
   } else {
     for (const std::int32_t joint : s.tree.outside) project_joint(s.rig, joint, pose);
-    s.tree.store(s.now, pose);
+    s.tree.store(s.now, s.at_now, pose);
   }
   for (const std::int32_t joint : s.tree.outside) s.outside[joint] = pose[joint];
   return report;

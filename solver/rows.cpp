@@ -46,6 +46,13 @@ Row::Term term_of(const IkTree& tree, std::int32_t joint, std::int32_t dof, doub
   return {node, tree.nodes[node].coordinate + dof, coefficient};
 }
 
+/// From a node's space (-1: the world's) to the world's.
+void to_world(std::int32_t node, const IkKinematics& k, Quaterniond& rotation, Vector3d& position) {
+  if (node < 0) return;
+  position = k.position[node] + k.rotation[node] * position;
+  rotation = k.rotation[node] * rotation;
+}
+
 }  // namespace
 
 IkRows::IkRows(const Rig& rig, const IkTree& tree, const IkOptions& options)
@@ -98,26 +105,14 @@ RowPlace IkRows::make_place() const {
   return place;
 }
 
-void IkRows::base_at(const Link& link, const IkKinematics& k, Quaterniond& rotation,
-                     Vector3d& position) const {
-  rotation = link.base_rotation;
-  position = link.base_position;
-  if (link.base_node < 0) return;
-  position = k.position[link.base_node] + k.rotation[link.base_node] * position;
-  rotation = k.rotation[link.base_node] * rotation;
-}
-
 /// The link's goal, and for an effector of the tree its goal too, becomes where it is.
 void IkRows::hold(std::size_t e, const IkKinematics& k, IkGoal& goal) {
   const IkEffector& effector = tree_.effectors[e];
   Link& link = links_[e];
-  Quaterniond base, world = effector.rotation;
-  Vector3d origin, point = effector.offset;
-  if (effector.node >= 0) {
-    point = k.position[effector.node] + k.rotation[effector.node] * point;
-    world = k.rotation[effector.node] * world;
-  }
-  base_at(link, k, base, origin);
+  Quaterniond base = link.base_rotation, world = effector.rotation;
+  Vector3d origin = link.base_position, point = effector.offset;
+  to_world(effector.node, k, world, point);
+  to_world(link.base_node, k, base, origin);
   link.held = true;
   link.goal.mass = goal.mass;
   link.goal.inertia = goal.inertia;
@@ -157,13 +152,10 @@ void IkRows::aim_at_all(std::span<const EffectorTarget> targets, std::span<IkGoa
 void IkRows::add_link(std::size_t e, const IkKinematics& k, RowPlace& place) const {
   const IkEffector& effector = tree_.effectors[e];
   const Link& link = links_[e];
-  Quaterniond base, world = effector.rotation;
-  Vector3d origin, point = effector.offset;
-  if (effector.node >= 0) {
-    point = k.position[effector.node] + k.rotation[effector.node] * point;
-    world = k.rotation[effector.node] * world;
-  }
-  base_at(link, k, base, origin);
+  Quaterniond base = link.base_rotation, world = effector.rotation;
+  Vector3d origin = link.base_position, point = effector.offset;
+  to_world(effector.node, k, world, point);
+  to_world(link.base_node, k, base, origin);
   IkGoal goal = link.goal;
   goal.position = origin + base * goal.position;
   goal.rotation = base * goal.rotation;

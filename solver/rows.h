@@ -70,8 +70,6 @@ class IkRows {
     std::int32_t first = 0;
   };
 
-  void base_at(const Link&, const IkKinematics&, Eigen::Quaterniond& rotation,
-               Eigen::Vector3d& position) const;
   void hold(std::size_t effector, const IkKinematics&, IkGoal& goal);
   void add_link(std::size_t effector, const IkKinematics&, RowPlace&) const;
   void add_speeds(const IkState&, RowPlace&) const;

@@ -1,10 +1,8 @@
 // The parts of one relinearisation, and solves under the load of retargeting.
 #include <benchmark/benchmark.h>
 
-#include "solver/ik_tree.h"
-#include "solver/jacobian.h"
 #include "solver/tree_elimination.h"
-#include "tests/solver/test_rigs.h"
+#include "tests/solver/linearised.h"
 
 namespace limber {
 namespace {
@@ -14,51 +12,23 @@ const char* const kRigs[] = {"hand", "biped-full", "biped-hands"};
 /// The shipped rig, or the same under retargeting's load: a weak orientation on every joint.
 Rig bench_rig(std::int64_t which, bool loaded) {
   Rig rig = test::shipped_rig(kRigs[which]);
-  for (std::int32_t j = 0; loaded && j < rig.size(); ++j) {
-    RigEffector posture;
-    posture.name = "posture " + rig.joints[j].name;
-    posture.joint = j;
-    posture.kind = EffectorKind::orientation;
-    posture.strong = false;
-    posture.weight_rot = 0.1;
-    rig.effectors.push_back(posture);
-  }
-  return rig;
+  return loaded ? test::with_posture(std::move(rig), 0.1) : rig;
 }
 
-struct Place {
-  Rig rig;
-  IkTree tree;
-  IkState state;
-  IkKinematics kinematics;
-  std::vector<IkGoal> goals;
-  EffectorLoad load;
-
-  explicit Place(Rig source)
-      : rig(std::move(source)),
-        tree(rig),
-        state(tree.make_state()),
-        kinematics(tree.make_kinematics()),
-        goals(rig.effectors.size()),
-        load(tree.nodes.size()) {
-    test::Random random(1);
-    tree.load(test::allowed_pose(random, rig, 0.8), state);
-    tree.resolve(test::targets_at(rig, test::allowed_pose(random, rig, 0.8)), goals);
-    tree.evaluate(state, goals, kinematics);
-    tree.linearise(state, kinematics);
-    effector_load(tree, goals, kinematics, load);
-  }
-};
+test::Linearised bench_place(const benchmark::State& state) {
+  test::Random random(1);
+  return {bench_rig(state.range(0), state.range(1) != 0), random, 0.8, 0.8};
+}
 
 void forward_kinematics_and_errors(benchmark::State& state) {
-  Place p(bench_rig(state.range(0), state.range(1) != 0));
+  test::Linearised p = bench_place(state);
   for (auto _ : state) p.tree.evaluate(p.state, p.goals, p.kinematics);
   state.SetLabel(kRigs[state.range(0)]);
 }
 BENCHMARK(forward_kinematics_and_errors)->ArgsProduct({{0, 1, 2}, {0, 1}});
 
 void linearise_and_load(benchmark::State& state) {
-  Place p(bench_rig(state.range(0), state.range(1) != 0));
+  test::Linearised p = bench_place(state);
   for (auto _ : state) {
     p.tree.linearise(p.state, p.kinematics);
     effector_load(p.tree, p.goals, p.kinematics, p.load);
@@ -68,7 +38,7 @@ void linearise_and_load(benchmark::State& state) {
 BENCHMARK(linearise_and_load)->ArgsProduct({{0, 1, 2}, {0, 1}});
 
 void eliminate(benchmark::State& state) {
-  Place p(bench_rig(state.range(0), state.range(1) != 0));
+  test::Linearised p = bench_place(state);
   TreeElimination elimination(p.tree);
   Eigen::VectorXd step(p.tree.coordinate_count());
   const Eigen::VectorXd wish = Eigen::VectorXd::Zero(step.size());

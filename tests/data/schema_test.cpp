@@ -1,12 +1,11 @@
 // The JSON Schema of rigs and our parser judge alike: ajv (npm) reads the schema, we read the rig.
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <functional>
 
 #include "importers/rig_json.h"
-#include "tests/data/data_files.h"
+#include "tests/data/schema_agreement.h"
 
 namespace limber::test {
 namespace {
@@ -68,30 +67,9 @@ std::vector<Case> cases() {
 TEST(RigSchema, AndParserAgree) {
   const char* modules = std::getenv("LIMBER_NODE_MODULES");
   if (!modules) GTEST_SKIP() << "npm packages not installed (LIMBER_NODE_MODULES)";
-  const fs::path folder = fs::temp_directory_path() / ("limber-schema-" + std::to_string(getpid()));
-  fs::create_directories(folder);
-  const std::vector<Case> all = cases();
-  json documents = json::array();
-  for (const Case& c : all) documents.push_back(c.document);
-  std::ofstream(folder / "documents.json") << documents;
-  const std::string command = "node '" + (kSource / "tests/data/schema_verdicts.mjs").string() +
-                              "' '" + (kData / "rigs/ikrig.schema.json").string() + "' '" +
-                              (folder / "documents.json").string() + "' '" +
-                              (folder / "verdicts.json").string() + "'";
-  ASSERT_EQ(std::system(command.c_str()), 0);
-  const json verdicts = read_json(folder / "verdicts.json");
-  ASSERT_EQ(verdicts.size(), all.size());
-  int refused = 0;
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    const bool schema = verdicts[i]["valid"];
-    const auto parsed = read_rig_json(all[i].document.dump());
-    EXPECT_EQ(parsed.ok(), schema) << all[i].name << "\n  schema: " << verdicts[i]["errors"]
-                                   << "\n  parser: " << (parsed.ok() ? "" : parsed.error().message);
-    EXPECT_TRUE(schema || !all[i].name.ends_with(".json")) << all[i].name;
-    refused += !schema;
-  }
-  EXPECT_GE(refused, 15);
-  fs::remove_all(folder);
+  expect_schema_and_parser_agree(
+      kData / "rigs/ikrig.schema.json", cases(),
+      [](const Case& c) { return read_rig_json(c.document.dump()); }, 15);
 }
 
 }  // namespace

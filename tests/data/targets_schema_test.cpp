@@ -2,13 +2,13 @@
 // rig has, and that a quaternion is unit, only the parser sees.
 
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <functional>
+#include <stdexcept>
 
 #include "importers/rig_json.h"
 #include "importers/targets_json.h"
-#include "tests/data/data_files.h"
+#include "tests/data/schema_agreement.h"
 
 namespace limber::test {
 namespace {
@@ -74,33 +74,14 @@ std::vector<Case> cases() {
 TEST(TargetsSchema, AndParserAgree) {
   const char* modules = std::getenv("LIMBER_NODE_MODULES");
   if (!modules) GTEST_SKIP() << "npm packages not installed (LIMBER_NODE_MODULES)";
-  const fs::path folder =
-      fs::temp_directory_path() / ("limber-targets-" + std::to_string(getpid()));
-  fs::create_directories(folder);
-  const std::vector<Case> all = cases();
-  json documents = json::array();
-  for (const Case& c : all) documents.push_back(c.document);
-  std::ofstream(folder / "documents.json") << documents;
-  const std::string command = "node '" + (kSource / "tests/data/schema_verdicts.mjs").string() +
-                              "' '" + (kData / "schemas/targets.schema.json").string() + "' '" +
-                              (folder / "documents.json").string() + "' '" +
-                              (folder / "verdicts.json").string() + "'";
-  ASSERT_EQ(std::system(command.c_str()), 0);
-  const json verdicts = read_json(folder / "verdicts.json");
-  ASSERT_EQ(verdicts.size(), all.size());
-  int refused = 0;
-  for (std::size_t i = 0; i < all.size(); ++i) {
-    const auto rig = read_rig_json(read_text(kData / "rigs" / (all[i].rig + ".json")));
-    ASSERT_TRUE(rig.ok());
-    const bool schema = verdicts[i]["valid"];
-    const auto parsed = read_targets_json(all[i].document.dump(), *rig);
-    EXPECT_EQ(parsed.ok(), schema) << all[i].name << "\n  schema: " << verdicts[i]["errors"]
-                                   << "\n  parser: " << (parsed.ok() ? "" : parsed.error().message);
-    EXPECT_TRUE(schema || !all[i].name.ends_with(".json")) << all[i].name;
-    refused += !schema;
-  }
-  EXPECT_GE(refused, 15);
-  fs::remove_all(folder);
+  expect_schema_and_parser_agree(
+      kData / "schemas/targets.schema.json", cases(),
+      [](const Case& c) {
+        const auto rig = read_rig_json(read_text(kData / "rigs" / (c.rig + ".json")));
+        if (!rig) throw std::runtime_error(c.rig + ": " + rig.error().message);
+        return read_targets_json(c.document.dump(), *rig);
+      },
+      15);
 }
 
 }  // namespace

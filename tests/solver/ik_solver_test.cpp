@@ -10,22 +10,11 @@ namespace limber {
 namespace {
 
 using Eigen::Vector3d;
+using test::make_solver;
 using test::Random;
+using test::rest_pose;
 
 constexpr double kAllowed = 1e-5 * M_PI / 180.0;  // rad
-
-IkSolver make(const Rig& rig, const IkOptions& options = {}) {
-  Result<IkSolver> solver = IkSolver::create(rig, options);
-  if (!solver) throw std::runtime_error(solver.error().message);
-  return std::move(solver.value());
-}
-
-Pose rest_pose(const Rig& rig) {
-  Pose pose(rig.joints.size());
-  pose_from_coordinates(rig, std::vector<double>(dof_count(rig), 0.0), pose);
-  project_into_limits(rig, pose);
-  return pose;
-}
 
 /// A pose a little away from another, within limits.
 Pose nudged(Random& random, const Rig& rig, const Pose& pose, double angle) {
@@ -43,7 +32,7 @@ class ShippedRigs : public testing::TestWithParam<const char*> {};
 TEST_P(ShippedRigs, ReachesNearbyPosesWithinLimits) {
   const Rig rig = test::shipped_rig(GetParam());
   Random random(1);
-  IkSolver solver = make(rig);
+  IkSolver solver = make_solver(rig);
   int reached = 0;
   for (int trial = 0; trial < 50; ++trial) {
     const Pose truth = test::allowed_pose(random, rig, 0.95);
@@ -68,7 +57,7 @@ TEST(IkSolver, RandomRigsAndTargetsKeepLimitsAndNeverGetWorse) {
   for (const IkMethod method : {IkMethod::pgs, IkMethod::pgs_paper}) {
     for (int trial = 0; trial < 150; ++trial) {
       const Rig rig = test::random_rig(random, 12, 8);
-      IkSolver solver = make(rig, {.method = method});
+      IkSolver solver = make_solver(rig, {.method = method});
       auto targets = test::targets_at(rig, test::allowed_pose(random, rig));
       for (EffectorTarget& target : targets) {
         if (random.integer(0, 3) == 0) target.pose = random.motion();  // likely out of reach
@@ -88,7 +77,7 @@ TEST(IkSolver, RandomRigsAndTargetsKeepLimitsAndNeverGetWorse) {
 TEST(IkSolver, StartsOutsideTheLimitsAreAllowed) {
   Random random(3);
   const Rig rig = test::shipped_rig("biped-full");
-  IkSolver solver = make(rig);
+  IkSolver solver = make_solver(rig);
   for (int trial = 0; trial < 20; ++trial) {
     Pose pose;
     for (int i = 0; i < rig.size(); ++i) pose.push_back(random.motion());
@@ -100,7 +89,7 @@ TEST(IkSolver, StartsOutsideTheLimitsAreAllowed) {
 TEST(IkSolver, WhatIsReachedAndAllowedStaysBitForBit) {
   Random random(4);
   const Rig rig = test::shipped_rig("biped-full");
-  IkSolver solver = make(rig);
+  IkSolver solver = make_solver(rig);
   const Pose pose = test::allowed_pose(random, rig, 0.99);
   Pose out = pose;
   const IkReport report = solver.solve(test::targets_at(rig, pose), out);
@@ -138,7 +127,7 @@ TEST(IkSolver, OutOfReachEndsAtAPointNoSmallMoveImproves) {
   Random random(5);
   for (const char* name : {"hand", "arm3", "biped-full"}) {
     const Rig rig = test::shipped_rig(name);
-    IkSolver solver = make(
+    IkSolver solver = make_solver(
         rig,
         {.stop_at_tolerance = false, .stop_cost_decrease = 1e-12, .max_relinearisations = 400});
     for (int trial = 0; trial < 4; ++trial) {
@@ -166,7 +155,7 @@ TEST(IkSolver, OutOfReachOnTheArmMeetsAFineSearch) {
   // Four degrees of freedom: the best reach can be searched without derivatives.
   Random random(6);
   const Rig rig = test::shipped_rig("arm2");
-  IkSolver solver = make(rig, {.stop_at_tolerance = false});
+  IkSolver solver = make_solver(rig, {.stop_at_tolerance = false});
   for (int trial = 0; trial < 6; ++trial) {
     const Vector3d target = random.uniform(0.7, 1.2) * random.unit();
     const std::vector<EffectorTarget> targets{{.pose = DualQuaternion::from_translation(target)}};
@@ -196,9 +185,9 @@ TEST(IkSolver, BothMethodsAgreeOnEasyProblems) {
   Random random(7);
   for (const char* name : {"arm3", "hand"}) {
     const Rig rig = test::shipped_rig(name);
-    IkSolver pgs = make(rig);
-    IkSolver paper =
-        make(rig, {.method = IkMethod::pgs_paper, .max_relinearisations = 3000, .sweeps = 50});
+    IkSolver pgs = make_solver(rig);
+    IkSolver paper = make_solver(
+        rig, {.method = IkMethod::pgs_paper, .max_relinearisations = 3000, .sweeps = 50});
     for (int trial = 0; trial < 10; ++trial) {
       const Pose truth = test::allowed_pose(random, rig, 0.7);
       const auto targets = test::targets_at(rig, truth);
@@ -223,7 +212,7 @@ TEST(IkSolver, BothMethodsAgreeOnEasyProblems) {
 TEST(IkSolver, SolvesAreDeterministicAndForgetEarlierOnes) {
   Random random(8);
   const Rig rig = test::shipped_rig("biped-full");
-  IkSolver one = make(rig), two = make(rig);
+  IkSolver one = make_solver(rig), two = make_solver(rig);
   for (int trial = 0; trial < 10; ++trial) {
     const auto targets = test::targets_at(rig, test::allowed_pose(random, rig));
     Pose a = rest_pose(rig), b = a;
@@ -242,7 +231,7 @@ TEST(IkSolver, SolvingAllocatesNothing) {
   Random random(9);
   const Rig rig = test::shipped_rig("biped-hands");
   for (const IkMethod method : {IkMethod::pgs, IkMethod::pgs_paper}) {
-    IkSolver solver = make(rig, {.method = method, .restarts = 2});
+    IkSolver solver = make_solver(rig, {.method = method, .restarts = 2});
     const auto reachable = test::targets_at(rig, test::allowed_pose(random, rig));
     auto far = reachable;
     for (EffectorTarget& target : far) {
@@ -259,7 +248,7 @@ TEST(IkSolver, SolvingAllocatesNothing) {
 TEST(IkSolver, RestartsFindLonePoses) {
   Random random(10);
   const Rig rig = test::shipped_rig("arm3");
-  IkSolver once = make(rig), many = make(rig, {.restarts = 20});
+  IkSolver once = make_solver(rig), many = make_solver(rig, {.restarts = 20});
   int by_once = 0, by_many = 0;
   for (int trial = 0; trial < 200; ++trial) {
     const auto targets = test::targets_at(rig, test::allowed_pose(random, rig));
@@ -275,7 +264,7 @@ TEST(IkSolver, RestartsFindLonePoses) {
 TEST(IkSolver, UnwindingLeavesACornerOrThePoseAlone) {
   Random random(13);
   const Rig rig = test::shipped_rig("hand");
-  IkSolver plain = make(rig), unwinding = make(rig, {.unwind = true});
+  IkSolver plain = make_solver(rig), unwinding = make_solver(rig, {.unwind = true});
   int more = 0;
   for (int trial = 0; trial < 200; ++trial) {
     const auto targets = test::targets_at(rig, test::allowed_pose(random, rig));
@@ -307,7 +296,7 @@ TEST(IkSolver, HostileTargetsGiveFinitePosesWithinLimits) {
     targets[3].weight = 0.0;
     targets[4].weight = 1e4;
     Pose pose = test::allowed_pose(random, rig);
-    const IkReport report = make(rig).solve(targets, pose);
+    const IkReport report = make_solver(rig).solve(targets, pose);
     EXPECT_TRUE(std::isfinite(report.cost));
     for (const DualQuaternion& q : pose) {
       EXPECT_TRUE(q.real.coeffs().allFinite() && q.dual.coeffs().allFinite());
@@ -321,7 +310,7 @@ TEST(IkSolver, JointsWithoutEffectorsAndFixedOnesStay) {
   Rig rig = test::shipped_rig("biped-hands");
   std::erase_if(rig.effectors, [](const RigEffector& e) { return e.name != "l_hand"; });
   ASSERT_EQ(rig.effectors.size(), 1U);
-  IkSolver solver = make(rig);
+  IkSolver solver = make_solver(rig);
   const Pose start = test::allowed_pose(random, rig, 0.9);
   Pose pose = start;
   solver.solve(test::targets_at(rig, test::allowed_pose(random, rig)), pose);

@@ -4,7 +4,7 @@
 
 #include "solver/pgs.h"
 #include "solver/tree_elimination.h"
-#include "tests/solver/test_rigs.h"
+#include "tests/solver/linearised.h"
 
 namespace limber {
 namespace {
@@ -115,36 +115,15 @@ TEST(Pgs, ItsFixedPointBeatsEveryOtherAllowedPoint) {
   }
 }
 
-/// A relinearisation of a random rig.
-struct Linearised {
-  Rig rig;
-  IkTree tree;
-  IkState state;
-  IkKinematics kinematics;
-  std::vector<IkGoal> goals;
-  EffectorLoad load;
+/// A relinearisation of a random rig, dense beside the tree's.
+struct Linearised : test::Linearised {
   MatrixXd a;
   VectorXd b;
   std::vector<EllipseLimit> ellipses;
 
   Linearised(Rig source, Random& random, double damping, double fill)
-      : rig(std::move(source)),
-        tree(rig),
-        state(tree.make_state()),
-        kinematics(tree.make_kinematics()),
-        goals(rig.effectors.size()),
-        load(tree.nodes.size()),
-        a(tree.coordinate_count(), tree.coordinate_count()),
-        b(tree.coordinate_count()) {
-    tree.load(test::allowed_pose(random, rig, fill), state);
-    tree.resolve(test::targets_at(rig, test::allowed_pose(random, rig)), goals);
-    tree.evaluate(state, goals, kinematics);
-    tree.linearise(state, kinematics);
-    effector_load(tree, goals, kinematics, load);
-    EffectorLoad composite = load;
-    compose_load(tree, composite);
-    normal_equations(tree, kinematics, composite, a, b);
-    a.diagonal() += damping * tree.damping;
+      : test::Linearised(std::move(source), random, fill) {
+    normal_equations(damping, a, b);
     for (const IkNode& node : tree.nodes) {
       if (node.ellipse) ellipses.push_back({node.coordinate, node.swing});
     }

@@ -5,6 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "solver/tree_elimination.h"
+#include "tests/solver/linearised.h"
 #include "tests/solver/seeded_motion.h"
 
 namespace limber {
@@ -12,15 +13,10 @@ namespace {
 
 using Eigen::Vector3d;
 using Eigen::VectorXd;
+using test::make_solver;
 using test::Random;
 
 constexpr double kVisible[] = {5e-3, 2.0 * M_PI / 180.0};  // m, rad: acceptable to the eye
-
-IkSolver make(const Rig& rig, const IkOptions& options) {
-  Result<IkSolver> solver = IkSolver::create(rig, options);
-  if (!solver) throw std::runtime_error(solver.error().message);
-  return std::move(solver.value());
-}
 
 double apart(const Pose& a, const Pose& b) {
   double most = 0.0;
@@ -60,25 +56,16 @@ TEST(PaperIk, OneLinearProblemItsSweepsEndWhereTheEliminationEnds) {
                                  p.ellipses),
               1e-9);
 
-    const IkTree tree(rig);
-    IkState state = tree.make_state();
-    IkKinematics kinematics = tree.make_kinematics();
-    std::vector<IkGoal> goals(targets.size());
-    EffectorLoad load(tree.nodes.size());
-    tree.load(pose, state);
-    tree.resolve(targets, goals);
-    tree.evaluate(state, goals, kinematics);
-    tree.linearise(state, kinematics);
-    effector_load(tree, goals, kinematics, load);
-    TreeElimination elimination(tree);
-    elimination.reset(state.x);
-    elimination.linearise(state.x, kinematics, load);
+    const test::Linearised here(rig, pose, targets);
+    TreeElimination elimination(here.tree);
+    elimination.reset(here.state.x);
+    elimination.linearise(here.state.x, here.kinematics, here.load);
     VectorXd step = VectorXd::Zero(p.b.size());
     const VectorXd wish = step;
     // Swings end on the tangent: repeat from where the border was taken up until that is exact.
-    for (int i = 0; i < 60; ++i) elimination.solve(state.x, damping, wish, step);
-    VectorXd end = state.x + step;
-    tree.project(end);
+    for (int i = 0; i < 60; ++i) elimination.solve(here.state.x, damping, wish, step);
+    VectorXd end = here.state.x + step;
+    here.tree.project(end);
     ASSERT_EQ(end.size(), sweeps.size());
     EXPECT_LT((end - p.at - sweeps).cwiseAbs().maxCoeff(), 1e-8) << trial;
     for (Eigen::Index k = 0; k < end.size(); ++k)
@@ -88,19 +75,6 @@ TEST(PaperIk, OneLinearProblemItsSweepsEndWhereTheEliminationEnds) {
     }
   }
   EXPECT_GT(active, 100);  // the limits had a say
-}
-
-/// The rig with a posture: a weak pull on every joint's orientation, so that one pose is best.
-Rig with_posture(Rig rig) {
-  for (std::int32_t j = 0; j < rig.size(); ++j) {
-    RigEffector posture;
-    posture.name = "posture " + rig.joints[j].name;
-    posture.joint = j;
-    posture.kind = EffectorKind::orientation;
-    posture.strong = false;
-    rig.effectors.push_back(posture);
-  }
-  return rig;
 }
 
 int active_limits(const Rig& rig, const Pose& pose) {
@@ -140,8 +114,8 @@ TEST(PaperIk, BothMethodsReachTheSameOptimumAtActiveLimits) {
   paper_to_the_end.sweeps = 200;
   int active = 0;
   for (const char* name : {"arm2", "arm3", "hand", "biped-foot-root", "biped-full"}) {
-    const Rig rig = with_posture(test::shipped_rig(name));
-    IkSolver pgs = make(rig, to_the_end), paper = make(rig, paper_to_the_end);
+    const Rig rig = test::with_posture(test::shipped_rig(name));
+    IkSolver pgs = make_solver(rig, to_the_end), paper = make_solver(rig, paper_to_the_end);
     for (int trial = 0; trial < 12; ++trial) {
       // Targets of a pose that wider limits would allow; a start that these do.
       const Pose beyond = test::allowed_pose(random, wider(rig, 1.1));
@@ -262,9 +236,9 @@ TEST(PaperIk, AJointWithoutLimitsTurnsOnAndOn) {
 
 /// Iterations per frame, each frame starting at the last one's solution.
 std::vector<int> iterations_of(const Rig& rig, const std::vector<Pose>& motion, double* reached) {
-  IkSolver solver = make(rig, {.method = IkMethod::pgs_paper,
-                               .stop_position_m = kVisible[0],
-                               .stop_orientation_rad = kVisible[1]});
+  IkSolver solver = make_solver(rig, {.method = IkMethod::pgs_paper,
+                                      .stop_position_m = kVisible[0],
+                                      .stop_orientation_rad = kVisible[1]});
   std::vector<int> iterations;
   Pose pose = motion[0];
   int there = 0;
@@ -302,7 +276,7 @@ TEST(PaperIk, BestReachIsStableUnderRepeatedSolves) {
   Random random(5);
   for (const auto& [name, beyond] : {std::pair{"hand", 0.1}, std::pair{"arm3", 0.6}}) {
     const Rig rig = test::shipped_rig(name);
-    IkSolver solver = make(
+    IkSolver solver = make_solver(
         rig, {.method = IkMethod::pgs_paper, .stop_step = 1e-9, .max_relinearisations = 20000});
     for (int trial = 0; trial < 12; ++trial) {
       auto targets = test::targets_at(rig, test::allowed_pose(random, rig, 0.8));

@@ -14,15 +14,9 @@ using test::Random;
 Rig retarget_rig(const char* name) {
   Rig rig = test::shipped_rig(name);
   for (RigEffector& effector : rig.effectors) effector.weight_rot = 0.3;
-  for (std::int32_t j = 0; j < rig.size(); ++j) {
-    RigEffector posture;
-    posture.name = "posture " + rig.joints[j].name;
-    posture.joint = j;
-    posture.kind = EffectorKind::orientation;
-    posture.strong = false;
-    posture.weight_rot = j % 2 == 0 ? 0.05 : 0.2;
-    rig.effectors.push_back(posture);
-  }
+  const std::size_t first = rig.effectors.size();
+  rig = test::with_posture(std::move(rig), 0.05);
+  for (std::int32_t j = 1; j < rig.size(); j += 2) rig.effectors[first + j].weight_rot = 0.2;
   return rig;
 }
 

@@ -5,7 +5,7 @@
 #include <gtest/gtest.h>
 
 #include "solver/pgs.h"
-#include "tests/solver/test_rigs.h"
+#include "tests/solver/linearised.h"
 
 namespace limber {
 namespace {
@@ -15,35 +15,14 @@ using Eigen::VectorXd;
 using test::Random;
 
 /// A relinearisation of a random rig, dense beside the tree's, with a step that is allowed.
-struct Linearised {
-  Rig rig;
-  IkTree tree;
-  IkState state;
-  IkKinematics kinematics;
-  std::vector<IkGoal> goals;
-  EffectorLoad load;
+struct Linearised : test::Linearised {
   MatrixXd a;
   VectorXd b, allowed;
   std::vector<Row> rows;
 
   Linearised(Rig source, Random& random, double damping)
-      : rig(std::move(source)),
-        tree(rig),
-        state(tree.make_state()),
-        kinematics(tree.make_kinematics()),
-        goals(rig.effectors.size()),
-        load(tree.nodes.size()),
-        a(tree.coordinate_count(), tree.coordinate_count()),
-        b(tree.coordinate_count()) {
-    tree.load(test::allowed_pose(random, rig), state);
-    tree.resolve(test::targets_at(rig, test::allowed_pose(random, rig)), goals);
-    tree.evaluate(state, goals, kinematics);
-    tree.linearise(state, kinematics);
-    effector_load(tree, goals, kinematics, load);
-    EffectorLoad composite = load;
-    compose_load(tree, composite);
-    normal_equations(tree, kinematics, composite, a, b);
-    a.diagonal() += damping * tree.damping;
+      : test::Linearised(std::move(source), random, 1.0) {
+    normal_equations(damping, a, b);
     VectorXd wish(b.size());
     for (double& w : wish) w = random.uniform(-0.5, 0.5);
     allowed = state.x + wish;

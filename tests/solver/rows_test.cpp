@@ -12,7 +12,9 @@ namespace {
 
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
+using test::make_solver;
 using test::Random;
+using test::rest_pose;
 
 TEST(Rows, NoneWhereTheRigAsksForNone) {
   const Rig rig = test::shipped_rig("biped-hands");
@@ -99,19 +101,6 @@ TEST(Rows, JacobiansMatchDifferences) {
   EXPECT_GT(checked, 1000);
 }
 
-IkSolver make(const Rig& rig, const IkOptions& options = {}) {
-  Result<IkSolver> solver = IkSolver::create(rig, options);
-  if (!solver) throw std::runtime_error(solver.error().message);
-  return std::move(solver.value());
-}
-
-Pose rest_pose(const Rig& rig) {
-  Pose pose(rig.joints.size());
-  pose_from_coordinates(rig, std::vector<double>(dof_count(rig), 0.0), pose);
-  project_into_limits(rig, pose);
-  return pose;
-}
-
 /// What a target asks for, in world space.
 DualQuaternion goal_of(const RigEffector& effector, const EffectorTarget& target,
                        const Pose& world) {
@@ -144,7 +133,7 @@ TEST(RelativeEffectors, HandsStayTogetherWhereverTheyGo) {
   Rig rig = test::shipped_rig("biped-full");
   const std::size_t right = effector_named(rig, "r_hand");
   rig.effectors[right].relative_to = rig.find_role("leftHand");
-  IkSolver solver = make(rig);
+  IkSolver solver = make_solver(rig);
   int reached = 0;
   for (int trial = 0; trial < 20; ++trial) {
     const Pose truth = test::allowed_pose(random, rig, 0.6);
@@ -185,8 +174,8 @@ TEST(RelativeEffectors, OfAFixedPropTheyAreWorldEffectors) {
   Rig relative = rig;
   relative.effectors[0].relative_to = rig.size() - 1;
   const DualQuaternion base = DualQuaternion::from_rotation_translation(prop.rest, prop.offset);
-  IkSolver world_solver = make(rig, {.stop_at_tolerance = false});
-  IkSolver relative_solver = make(relative, {.stop_at_tolerance = false});
+  IkSolver world_solver = make_solver(rig, {.stop_at_tolerance = false});
+  IkSolver relative_solver = make_solver(relative, {.stop_at_tolerance = false});
   for (int trial = 0; trial < 10; ++trial) {
     const Pose truth = test::allowed_pose(random, rig, 0.7);
     auto targets = test::targets_at(rig, truth);
@@ -217,7 +206,7 @@ TEST(Couplings, HoldWithinATenthOfADegreeAlsoAtLimits) {
   // The follower stops at 40 degrees; the leader could go to 105, and with the follower to 60 only.
   for (const Coupling& c : rig.couplings)
     rig.joints[c.to_joint].limits[0].max = 40.0 * M_PI / 180.0;
-  IkSolver solver = make(rig, {.stop_at_tolerance = false});
+  IkSolver solver = make_solver(rig, {.stop_at_tolerance = false});
   int at_limit = 0;
   for (int trial = 0; trial < 40; ++trial) {
     const auto targets = test::targets_at(rig, test::allowed_pose(random, rig));
@@ -254,9 +243,9 @@ TEST(Weights, StiffJointsMoveLess) {
   const std::vector<EffectorTarget> targets{
       {.pose = DualQuaternion::from_translation({2.9, 0.5, 0.0})}};
   Pose even = rest_pose(rig), stiff = even;
-  make(rig, {.damping = 1.0}).solve(targets, even);
+  make_solver(rig, {.damping = 1.0}).solve(targets, even);
   rig.joints[0].weight = 100.0;
-  make(rig, {.damping = 1.0}).solve(targets, stiff);
+  make_solver(rig, {.damping = 1.0}).solve(targets, stiff);
   EXPECT_LT(std::abs(hinge_angle(rig, stiff, 0)), 0.5 * std::abs(hinge_angle(rig, even, 0)));
 }
 
@@ -283,9 +272,9 @@ TEST(Priorities, TheStrongerIsAsGoodAsAlone) {
         .stop_at_tolerance = false, .stop_cost_decrease = 1e-12, .max_relinearisations = 200};
     // The strong alone, to the end; then all of them from there.
     Pose by_itself = rest_pose(rig);
-    make(alone, options).solve(strong, by_itself);
+    make_solver(alone, options).solve(strong, by_itself);
     Pose together = by_itself;
-    make(rig, options).solve(targets, together);
+    make_solver(rig, options).solve(targets, together);
     EXPECT_LT(test::worst_excess(rig, together), 1.8e-7);
     const Pose a = test::world_of(rig, together), b = test::world_of(rig, by_itself);
     double weak = 0.0;
@@ -310,7 +299,7 @@ TEST(Speeds, NoCoordinateMovesFasterThanItMay) {
     Rig rig = test::random_rig(random, 10, 6);
     const double dt = 1.0 / 30.0, speed = 1.5, reach = speed * dt;
     for (RigJoint& joint : rig.joints) joint.max_speed = speed;
-    IkSolver solver = make(rig, {.dt = dt});
+    IkSolver solver = make_solver(rig, {.dt = dt});
     const Pose before = test::allowed_pose(random, rig);
     const auto targets = test::targets_at(rig, test::allowed_pose(random, rig));
     Pose pose = before;
@@ -355,7 +344,7 @@ TEST(Capsules, FingersStopWhereTheyTouch) {
       {.pose = DualQuaternion::from_translation({0.28, -0.075, 0})}};
   Pose pose = rest_pose(rig);
   const IkReport report =
-      make(rig, {.stop_at_tolerance = false, .collision = true}).solve(targets, pose);
+      make_solver(rig, {.stop_at_tolerance = false, .collision = true}).solve(targets, pose);
   const Pose world = test::world_of(rig, pose);
   const Vector3d a = world[1].transform_point({0.3, 0, 0}),
                  b = world[2].transform_point({0.3, 0, 0});
@@ -372,7 +361,7 @@ TEST(Rows, SolvingAllocatesNothing) {
   rig.effectors[1].relative_to = rig.effectors[0].joint;
   rig.effectors[2].priority = 1;
   for (RigJoint& joint : rig.joints) joint.max_speed = 20.0;
-  IkSolver solver = make(rig, {.collision = true, .dt = 0.03});
+  IkSolver solver = make_solver(rig, {.collision = true, .dt = 0.03});
   auto targets = test::targets_at(rig, test::allowed_pose(random, rig));
   Pose pose = rest_pose(rig);
   const std::size_t before = test::allocation_count();

@@ -8,6 +8,7 @@
 #include "assets/model/rig.h"
 #include "importers/rig_json.h"
 #include "solver/ik_solver.h"
+#include "solver/swing_twist.h"
 #include "tests/model/random_motion.h"
 
 namespace limber::test {
@@ -24,6 +25,33 @@ inline Rig shipped_rig(const std::string& name) {
   Result<Rig> rig = read_rig_json(text.str());
   if (!rig) throw std::runtime_error(name + ": " + rig.error().message);
   return std::move(rig.value());
+}
+
+inline IkSolver make_solver(const Rig& rig, const IkOptions& options = {}) {
+  Result<IkSolver> solver = IkSolver::create(rig, options);
+  if (!solver) throw std::runtime_error(solver.error().message);
+  return std::move(solver.value());
+}
+
+inline Pose rest_pose(const Rig& rig) {
+  Pose pose(rig.joints.size());
+  pose_from_coordinates(rig, std::vector<double>(dof_count(rig), 0.0), pose);
+  project_into_limits(rig, pose);
+  return pose;
+}
+
+/// The rig with a posture: a weak pull on every joint's orientation, joint by joint.
+inline Rig with_posture(Rig rig, double weight_rot = 1.0) {
+  for (std::int32_t j = 0; j < rig.size(); ++j) {
+    RigEffector posture;
+    posture.name = "posture " + rig.joints[j].name;
+    posture.joint = j;
+    posture.kind = EffectorKind::orientation;
+    posture.strong = false;
+    posture.weight_rot = weight_rot;
+    rig.effectors.push_back(posture);
+  }
+  return rig;
 }
 
 inline RigJoint random_joint(Random& random, JointType type, std::int32_t parent, int index) {

@@ -31,6 +31,9 @@ constexpr double kSettleDamping = 1.0;  // of the least step
 constexpr double kPenalty = 1.5;        // of the largest multiplier
 constexpr double kStalling = 0.7;       // a relative fall below this asks for the errors' curvature
 constexpr double kSlide = 0.02;         // of a step: what a swing's touching point may be out by
+constexpr int kEarly = 2;               // the first relinearisations, which others may follow,
+constexpr double kEarlyBend = 0.2;      // rad: let the border bend by so much besides
+constexpr int kChords = 2;              // steps more with the same factors
 
 }  // namespace
 
@@ -68,12 +71,12 @@ double IkDescent::merit(const IkKinematics& k, const RowPlace& place) const {
 }
 
 bool IkDescent::reached(const IkKinematics& k) const {
+  const double position2 = options.stop_position_m * options.stop_position_m;
+  const double rotation2 = options.stop_orientation_rad * options.stop_orientation_rad;
   for (std::size_t e = 0; e < goals.size(); ++e) {
     if (!tree.effectors[e].strong) continue;
-    if (goals[e].mass > 0.0 && k.error[e].position.norm() > options.stop_position_m) return false;
-    if (goals[e].inertia > 0.0 && k.error[e].rotation.norm() > options.stop_orientation_rad) {
-      return false;
-    }
+    if (goals[e].mass > 0.0 && k.error[e].position.squaredNorm() > position2) return false;
+    if (goals[e].inertia > 0.0 && k.error[e].rotation.squaredNorm() > rotation2) return false;
   }
   return true;
 }
@@ -239,6 +242,22 @@ EliminationStats IkDescent::solve_linear(double damping, IkReport& report) {
   return stats;
 }
 
+/// From `next`, where a step ended, further ones with the factors of the place before (the chord
+/// method): each leaves about its own length (rad) of what was left, for a quarter of the work.
+void IkDescent::step_again() {
+  const Eigen::Vector3d origin = at_now.origin;
+  for (int i = 0; i < kChords && !done(at_next, rows_next); ++i) {
+    at_next.origin = origin;
+    effector_load(tree, goals, at_next, load);
+    elimination.solve_again(load.pull, step);
+    tree.move(next, step, now);
+    evaluate(now, at_now, rows_now);
+    if (!(at_now.cost < at_next.cost)) return;
+    std::swap(now, next);
+    std::swap(at_now, at_next);
+  }
+}
+
 void IkDescent::descend(IkReport& report, bool following) {
   evaluate(now, at_now, rows_next);
   carry_multipliers();
@@ -247,12 +266,13 @@ void IkDescent::descend(IkReport& report, bool following) {
   report.converged = !following && done(at_now, rows_now);
   if (report.converged) return;
   if (!following) elimination.reset(now.x);
-  elimination.settle_slides_within(following ? kSlide : 0.0);
   // Rows bend, which the model leaves out: undamped, it would wander where the cost is flat.
   const double least = rows.none() ? kLeastDamping : options.damping;
   double damping = following ? settled_damping : options.damping, growth = 2.0;
   bool curved = false;
   while (!report.converged && report.relinearisations < options.max_relinearisations) {
+    const bool early = following && report.relinearisations < kEarly;
+    elimination.settle_slides_within(following ? kSlide : 0.0, early ? kEarlyBend : 0.0);
     ++report.relinearisations;
     linearise(curved);
     if (!following) anchor = now.x + kEase * (tree.middle - now.x);
@@ -305,6 +325,10 @@ void IkDescent::descend(IkReport& report, bool following) {
       report.residual = measure_residual(tried);
     }
     if (!fell) break;
+    if (early && !report.converged && rows.none()) {
+      step_again();
+      report.converged = done(at_next, rows_next);
+    }
     carry_multipliers();
     std::swap(now, next);
     std::swap(at_now, at_next);

@@ -54,6 +54,7 @@ struct IkDescent {
   EliminationStats solve_rows(double damping, IkReport&);
   double predicted_row_fall() const;
   void bend_step(double damping, IkReport&);
+  void step_again();
   void settle_rows(IkReport&);
   double merit(const IkKinematics&, const RowPlace&) const;
   void carry_multipliers();

@@ -14,6 +14,8 @@ constexpr float kTouch = 1e-5f;
 // Of the largest step: shorter ways along a tangent are none. Five times the solver for one's: here
 // a pass is for eight.
 constexpr float kSlidePart = 0.1f;
+constexpr int kEarly = 2;           // as ik_descent.cpp: in the first relinearisations ways along
+constexpr float kEarlyBend = 0.2f;  // which the border turns by less (rad) are none either
 
 /// Of a held swing, coordinate 0 becomes the tangent (-n1, n0), coordinate 1 the normal. Lanes that
 /// are free take n = (0, 1), which is their own axes, the first one backwards: to the bit the same.
@@ -170,7 +172,8 @@ Mask Frame::update_box(std::size_t n, Mask lanes, bool may_release) {
 }
 
 /// The same for a swing; one that slid along its tangent takes up the border again where it ended.
-Mask Frame::update_swing(std::size_t n, Mask lanes, bool may_release, const Lane& slide_tolerance) {
+Mask Frame::update_swing(std::size_t n, Mask lanes, bool may_release, const Lane& slide_tolerance,
+                         float bend) {
   const LaneNode& node = p_.nodes[n];
   Swing& swing = node_[n].swing;
   const std::int32_t k = node.coordinate;
@@ -182,7 +185,8 @@ Mask Frame::update_swing(std::size_t n, Mask lanes, bool may_release, const Lane
   const Mask release = may_release ? on & (press < Lane(0)) : none();
   swing.next_press = select(on, max(press, Lane(0)), select(outside, Lane(0), swing.next_press));
   const Lane slide = swing.normal0 * (end1 - swing.point1) - swing.normal1 * (end0 - swing.point0);
-  const Mask slid = on & (!release) & (abs(slide) > slide_tolerance);
+  const Mask slid = on & (!release) & (abs(slide) > slide_tolerance) &
+                    (abs(slide) * swing.curvature >= Lane(bend));
   const Lane wish0 = select(on, swing.point0 - swing.normal1 * slide, end0);
   const Lane wish1 = select(on, swing.point1 + swing.normal0 * slide, end1);
   const Mask again = outside | slid;
@@ -196,7 +200,7 @@ Mask Frame::update_swing(std::size_t n, Mask lanes, bool may_release, const Lane
 
 /// A lane takes part until its limits stay as they are, so that what it gets is not for its
 /// neighbours to say: eliminating it again without a change changes nothing.
-void Frame::solve(const Lane& damping, Mask lanes) {
+void Frame::solve(const Lane& damping, Mask lanes, bool early) {
   const auto nodes = p_.nodes.size();
   for (std::size_t n = 0; n < nodes; ++n) node_[n].dirty = true;
   for (int pass = 0; pass < kMostPasses; ++pass) {
@@ -214,7 +218,8 @@ void Frame::solve(const Lane& damping, Mask lanes) {
     for (std::size_t n = 0; n < nodes; ++n) {
       Mask here = update_box(n, lanes, may_release);
       if (p_.nodes[n].ellipse && pass < kTangentPasses) {
-        here = here | update_swing(n, lanes, may_release, slide_tolerance);
+        here =
+            here | update_swing(n, lanes, may_release, slide_tolerance, early ? kEarlyBend : 0.0f);
       }
       node_[n].dirty = any(here);
       changed = changed | here;

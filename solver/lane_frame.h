@@ -107,8 +107,9 @@ class Frame {
   void eliminate(std::size_t n, const Lane& damping);
   Lane substitute();
   Mask update_box(std::size_t n, Mask lanes, bool may_release);
-  Mask update_swing(std::size_t n, Mask lanes, bool may_release, const Lane& slide_tolerance);
-  void solve(const Lane& damping, Mask lanes);
+  Mask update_swing(std::size_t n, Mask lanes, bool may_release, const Lane& slide_tolerance,
+                    float bend);
+  void solve(const Lane& damping, Mask lanes, bool early);
 
   const LaneProblem& p_;
   LaneState& s_;

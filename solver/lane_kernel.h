@@ -33,7 +33,7 @@ void Frame::follow(const double* targets) {
     lane(s_.relinearisations) += flag(active);
     linearise(active);
     load();
-    solve(damping, active);
+    solve(damping, active, i < kEarly);
     move(active);
     evaluate();
     const Mask arrived = done();

@@ -206,6 +206,24 @@ void TreeElimination::substitute(Eigen::VectorXd& step) {
   }
 }
 
+void TreeElimination::solve_again(std::span<const Vector6> pull, Eigen::VectorXd& step) {
+  for (std::size_t n = tree_.nodes.size(); n-- > 0;) {
+    const IkNode& node = tree_.nodes[n];
+    Vector6& bias = outside_[n].bias;
+    bias = -pull[n];
+    for (std::int32_t c = tree_.children_begin[n]; c < tree_.children_begin[n + 1]; ++c) {
+      bias += outside_[tree_.children[c]].bias;
+    }
+    for (std::int32_t k = node.coordinate + node.coordinates - 1; k >= node.coordinate; --k) {
+      Pivot& pivot = pivot_[k];
+      pivot.held = 0.0;
+      pivot.drive = -pivot.axis.dot(bias);
+      if (!pivot.locked) bias += (pivot.drive * pivot.inverse) * pivot.momentum;
+    }
+  }
+  substitute(step);
+}
+
 EliminationStats TreeElimination::solve_free(const Eigen::VectorXd& x, double damping,
                                              const Eigen::VectorXd& wish, Eigen::VectorXd& step) {
   std::fill(lock_.begin(), lock_.end(), Lock::none);
@@ -332,7 +350,9 @@ bool TreeElimination::update_swing(std::int32_t n, const Eigen::VectorXd& x,
   // that a border which bends away under a long one is bisected.
   const Eigen::Vector2d tangent(-lock.normal.y(), lock.normal.x());
   const double slide = tangent.dot(end - lock.point);
-  if (std::abs(slide) < slide_tolerance_) return false;
+  if (std::abs(slide) < slide_tolerance_ || std::abs(slide) * lock.curvature < slide_bend_) {
+    return false;
+  }
   lock.reach = slide * lock.slide < 0.0 ? 0.5 * std::min(lock.reach, std::abs(lock.slide))
                                         : 2.0 * lock.reach;
   lock.slide = std::clamp(slide, -lock.reach, lock.reach);

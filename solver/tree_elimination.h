@@ -31,10 +31,17 @@ class TreeElimination {
   /// `step`: the solution. The active set is the start for the next call.
   EliminationStats solve(const Eigen::VectorXd& x, double damping, const Eigen::VectorXd& wish,
                          Eigen::VectorXd& step);
-  /// Slides of held swings along their ellipse that are shorter than this part of the whole step
-  /// count as settled. 0, the default: the solution is exact. An outer loop whose steps shrink
-  /// loses nothing by more.
-  void settle_slides_within(double part) { slide_part_ = part; }
+  /// Slides of held swings along their ellipse count as settled that are shorter than this part of
+  /// the whole step, or along which the border turns by less than `bend` (rad). 0, the default: the
+  /// solution is exact. An outer loop whose steps shrink loses nothing by more: what is left out is
+  /// of second order, as is what linearising leaves out.
+  void settle_slides_within(double part, double bend) {
+    slide_part_ = part;
+    slide_bend_ = bend;
+  }
+  /// After solve(): the step for other pulls with the same factors, undamped; what was held does
+  /// not move. A quarter of the work.
+  void solve_again(std::span<const Vector6> pull, Eigen::VectorXd& step);
   /// For rows (row_solver.h). The same without limits, in one pass; forgets the active set.
   EliminationStats solve_free(const Eigen::VectorXd& x, double damping, const Eigen::VectorXd& wish,
                               Eigen::VectorXd& step);
@@ -95,7 +102,7 @@ class TreeElimination {
   std::vector<double> multiplier_;   ///< [coordinate] gradient of the objective where locked
   std::vector<std::uint8_t> dirty_;  ///< [node]
   bool definite_ = true;
-  double slide_part_ = 0.0, slide_tolerance_ = 0.0;
+  double slide_part_ = 0.0, slide_bend_ = 0.0, slide_tolerance_ = 0.0;
 };
 
 }  // namespace limber

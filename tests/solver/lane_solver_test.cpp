@@ -163,13 +163,14 @@ std::pair<double, double> worst_miss(const Rig& rig, const Targets& targets, con
 TEST(LaneSolver, ReachesWhatTheSolverForOneReaches) {
   // Tight, so that poses can be compared: 0.1 mm would be 3 mrad of a finger's last joint.
   const IkOptions options{.stop_position_m = 5e-6, .stop_orientation_rad = 5e-5};
+  const IkOptions exact{.stop_position_m = 5e-8, .stop_orientation_rad = 5e-7};
   for (const char* name : kRigs) {
     const Rig rig = test::shipped_rig(name);
     const std::vector<Asked> runs = runs_of(rig, 60);
     std::vector<IkSolver> one;
     std::vector<Pose> pose(kLanes);
     for (int lane = 0; lane < kLanes; ++lane) {
-      one.push_back(std::move(IkSolver::create(rig, options).value()));
+      one.push_back(std::move(IkSolver::create(rig, exact).value()));
       pose[lane] = runs[lane].start;
       one[lane].solve(runs[lane].frames[0], pose[lane]);
     }

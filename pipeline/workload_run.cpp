@@ -73,10 +73,12 @@ Result<void> Runner::motion(std::size_t first, std::size_t last) {
   IkClipSolver clip(
       *solver, work_.rig, targets,
       std::span(run_.clip.parent_from_joint).subspan(first * joints, (last - first) * joints));
+  auto start = Clock::now();
   for (std::size_t f = first; f < last; ++f) {
-    const auto start = Clock::now();
     const IkReport report = clip.next();
-    keep(f, microseconds(Clock::now() - start), report.relinearisations);
+    const auto end = Clock::now();
+    keep(f, microseconds(end - start), report.relinearisations);
+    start = end;
   }
   return {};
 }

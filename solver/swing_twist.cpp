@@ -40,17 +40,18 @@ Eigen::Vector2d project_onto_quarter(double a, double b, const Eigen::Vector2d& 
   if (b < kFlat) return {std::min(p.x(), a), 0.0};
   if (a < kFlat) return {0.0, std::min(p.y(), b)};
   const double a2 = a * a, b2 = b * b;
-  double t = std::max({0.0, a * p.x() - a2, b * p.y() - b2});
+  const double ap = a * p.x(), bp = b * p.y();
+  double t = std::max({0.0, ap - a2, bp - b2}), u = 0.0, v = 0.0;
   for (int i = 0; i < 50; ++i) {
-    const double u = a * p.x() / (t + a2), v = b * p.y() / (t + b2);
+    const double ra = 1.0 / (t + a2), rb = 1.0 / (t + b2);
+    u = ap * ra;
+    v = bp * rb;
     const double f = u * u + v * v - 1.0;
-    const double slope = -2.0 * (u * u / (t + a2) + v * v / (t + b2));
     if (f <= 4e-16) break;
-    t -= f / slope;
+    t += 0.5 * f / (u * u * ra + v * v * rb);
   }
-  Eigen::Vector2d cos_sin(a * p.x() / (t + a2), b * p.y() / (t + b2));
-  cos_sin.normalize();
-  return {a * cos_sin.x(), b * cos_sin.y()};
+  const double norm = 1.0 / std::sqrt(u * u + v * v);
+  return {a * (u * norm), b * (v * norm)};
 }
 
 Eigen::Quaterniond nearest_ball(const RigJoint& joint, const Eigen::Quaterniond& rotation) {

@@ -23,9 +23,8 @@ namespace limber {
 
 namespace {
 
-constexpr double kMostBend = 3e-3;  // rad per frame^2, of the way to another solution
-constexpr int kLonger = 3;          // ways to try, each twice as long as the one before
-constexpr std::int64_t kShortest = 8, kLongest = 256, kFarthestBack = 512;
+constexpr int kLonger = 3;  // ways to try, each twice as long as the one before
+constexpr std::int64_t kShortest = kShortestWay, kLongest = 256, kFarthestBack = 512;
 constexpr std::size_t kTried = 4;      // other solutions are enough
 constexpr int kStrewn = 12;            // starts in search of another solution,
 constexpr double kStrewnWidth = 0.35;  // rad on each axis of each joint

@@ -8,10 +8,11 @@
 // began, at the speed it began with.
 //
 // Laps need not meet: mending (ik_clip.cpp) takes where it finds a way, and out of reach there is
-// more than one best reach. But lap b goes on from the end of lap a before it, smoothly, so this
-// closes too: frame f of n is b's, moved by the part w(f / n) of every joint's turn from b to a,
-// w(u) = u^2 (3 - 2 u), and brought back onto its own targets. It begins as b, ends as a, and w
-// rests at both ends.
+// more than one best reach. But all laps are one smooth way x_0, x_1, ..., so this closes too: with
+// N frames a lap and a frame c where x_c and x_{c+N} are near, n frames about c are x_{k+N} moved
+// by the part w of every joint's turn to x_k, w(u) = u^2 (3 - 2 u) from 0 at c - n/2 to 1 at c +
+// n/2, and brought back onto their own targets. Then follow x_{c+n/2} to x_{c+N-n/2-1}, and the
+// cycle begins anew. w rests at both ends, so n follows from the turn as it does in ik_clip.cpp.
 #include "solver/ik_cycle.h"
 
 #include <algorithm>
@@ -35,8 +36,10 @@ constexpr double kAngleReach = 0.1;       // m per rad, as the weights of effect
 constexpr double kMet = 1e-6;             // rad: two laps are one
 constexpr std::int64_t kMostFrames = 4096, kLeastLaps = 3, kMostLaps = 64;
 constexpr std::int64_t kPatience = 6;  // laps that come no nearer
-constexpr std::size_t kFades = 3;      // pairs of laps to try, the nearest first
-constexpr double kDearer = 1.01;       // of its laps' cost: what a frame out of reach may cost
+constexpr std::int64_t kMending = 40;  // frames that the last one solved may still change
+constexpr std::size_t kPlaces = 6;     // to close at, the nearest first,
+constexpr int kLonger = 3;             // and ways there, each twice as long as the one before
+constexpr double kDearer = 1.01;       // than its laps' cost: a frame of it that is out of reach
 
 using Steps = Eigen::Matrix3Xd;  // a vector per effector, or joint
 
@@ -128,7 +131,7 @@ CycleSteps cycle_steps(const Rig& rig, std::span<const DualQuaternion> poses) {
 
 namespace {
 
-/// Laps of a cycle, each following the one before.
+/// Laps of a cycle, one following the other, as one way.
 class Laps {
  public:
   /// `targets` of one lap.
@@ -136,8 +139,7 @@ class Laps {
 
   /// Goes round from `start` until two laps are one, or come no nearer.
   void run(std::span<const DualQuaternion> start, CycleReport&);
-  /// The answer of these laps: one that met the one before, else two of them faded, else the one
-  /// that came nearest, its seam open.
+  /// Makes a cycle of them: cut where they met, else led over where they are near, else left open.
   void close(CycleReport&);
   /// [frame * joint]
   std::span<const DualQuaternion> answer() const { return answer_; }
@@ -147,23 +149,27 @@ class Laps {
     double cost = 0.0;
     bool reached = false;
   };
-  std::size_t frame_of(std::int64_t lap, std::int64_t frame) const {
-    return static_cast<std::size_t>(lap * period_ + frame);
+  struct Place {
+    double apart = std::numeric_limits<double>::infinity();  ///< rad
+    std::int64_t frame = 0;  ///< of the way, a lap before the one that it is near to
+  };
+  std::span<const DualQuaternion> pose(std::int64_t frame) const {
+    return std::span(poses_).subspan(static_cast<std::size_t>(frame) * joints_, joints_);
   }
-  std::span<const DualQuaternion> pose(std::int64_t lap, std::int64_t frame) const {
-    return std::span(poses_).subspan(frame_of(lap, frame) * joints_, joints_);
+  std::span<DualQuaternion> answer(std::int64_t frame) {
+    return std::span(answer_).subspan(static_cast<std::size_t>(frame % period_) * joints_, joints_);
   }
-  double apart(std::int64_t lap) const;
-  bool fade(std::int64_t lap, CycleReport&);
+  Place nearest(std::int64_t first, std::int64_t last) const;
+  void cut(std::int64_t place, CycleReport&);
+  bool lead_over(std::int64_t place, std::int64_t count, CycleReport&);
 
   IkSolver& solver_;
   const Rig& rig_;
   std::span<const EffectorTarget> targets_;
   std::size_t joints_;
-  std::int64_t period_;
-  std::vector<DualQuaternion> poses_;                   ///< [lap * frame * joint]
-  std::vector<Outcome> outcomes_;                       ///< [lap * frame]
-  std::vector<std::pair<double, std::int64_t>> pairs_;  ///< apart from the lap before (rad), lap
+  std::int64_t period_, frames_ = 0;   ///< frames: solved
+  std::vector<DualQuaternion> poses_;  ///< [frame * joint]
+  std::vector<Outcome> outcomes_;      ///< [frame]
   std::vector<DualQuaternion> answer_;
 };
 
@@ -174,82 +180,110 @@ Laps::Laps(IkSolver& solver, const Rig& rig, std::span<const EffectorTarget> tar
       joints_(rig.joints.size()),
       period_(static_cast<std::int64_t>(targets.size() / rig.effectors.size())) {
   const std::int64_t most = std::clamp(kMostFrames / period_, kLeastLaps, kMostLaps);
-  outcomes_.resize(frame_of(most, 0));
+  outcomes_.resize(static_cast<std::size_t>(most * period_));
   poses_.resize(outcomes_.size() * joints_);
-  answer_.resize(frame_of(1, 0) * joints_);
+  answer_.resize(static_cast<std::size_t>(period_) * joints_);
 }
 
-/// How far a lap is from the one before it.
-double Laps::apart(std::int64_t lap) const {
-  double most = 0.0;
-  for (std::int64_t f = 0; f < period_; ++f) {
-    most = std::max(most, largest_turn(pose(lap - 1, f), pose(lap, f)));
+/// Where, from frame `first` to before `last`, two frames on end are nearest to those a lap later:
+/// in place and speed. Frames that may still change are left out.
+Laps::Place Laps::nearest(std::int64_t first, std::int64_t last) const {
+  const auto apart = [&](std::int64_t f) { return largest_turn(pose(f), pose(f + period_)); };
+  Place best;
+  last = std::min(last, frames_ - period_ - kMending);
+  for (std::int64_t f = std::max<std::int64_t>(first, 1); f < last; ++f) {
+    const double now = std::max(apart(f - 1), apart(f));
+    if (now < best.apart) best = {now, f};
   }
-  return most;
+  return best;
 }
 
 void Laps::run(std::span<const DualQuaternion> start, CycleReport& report) {
-  const auto most = static_cast<std::int64_t>(outcomes_.size()) / period_;
+  const auto most = static_cast<std::int64_t>(outcomes_.size());
   std::ranges::copy(start, poses_.begin());
   solver_.forget();
   IkClipSolver clip(solver_, rig_, targets_, poses_);
-  double nearest = std::numeric_limits<double>::infinity();
-  std::int64_t nearest_lap = 0, lap = 0;
-  for (; lap < most && nearest > kMet && lap - nearest_lap < kPatience; ++lap) {
-    for (std::int64_t f = 0; f < period_; ++f) {
+  Place best;
+  std::int64_t since = 0;  // laps that came no nearer
+  while (frames_ < most && best.apart > kMet && since < kPatience) {
+    for (std::int64_t i = 0; i < period_; ++i, ++frames_) {
       const IkReport one = clip.next();
-      outcomes_[frame_of(lap, f)] = {one.cost, one.reached};
+      outcomes_[static_cast<std::size_t>(frames_)] = {one.cost, one.reached};
       report.relinearisations += one.relinearisations;
     }
-    // Mending may have changed the lap before too.
-    for (std::int64_t i = std::max<std::int64_t>(lap - 1, 1); i <= lap; ++i) {
-      const double now = apart(i);
-      if (now < nearest) nearest_lap = lap;
-      nearest = std::min(nearest, now);
-    }
+    const Place place = nearest(frames_ - 3 * period_, frames_);
+    const bool nearer = place.apart < best.apart || !std::isfinite(place.apart);
+    since = nearer ? 0 : since + 1;
+    if (nearer) best = place;
   }
-  report.laps = static_cast<int>(lap);
+  report.laps = static_cast<int>(frames_ / period_);
   report.mended = clip.mended();
   report.jumps = clip.jumps();
-  for (std::int64_t i = 1; i < lap; ++i) pairs_.emplace_back(apart(i), i);
-  std::ranges::sort(pairs_);
 }
 
-/// Leads a lap into the one before it. False: a frame lost its targets on the way.
-bool Laps::fade(std::int64_t lap, CycleReport& report) {
-  for (std::int64_t f = 0; f < period_; ++f) {
-    const auto way = std::span(answer_).subspan(frame_of(0, f) * joints_, joints_);
-    const auto a = pose(lap - 1, f), b = pose(lap, f);
-    const double w = smooth(static_cast<double>(f) / static_cast<double>(period_));
-    for (std::size_t j = 0; j < joints_; ++j) way[j] = moved(b[j], b[j], a[j], w);
+/// The lap from frame `place` on.
+void Laps::cut(std::int64_t place, CycleReport& report) {
+  report.unreached = 0;
+  for (std::int64_t f = place; f < place + period_; ++f) {
+    std::ranges::copy(pose(f), answer(f).begin());
+    report.unreached += !outcomes_[static_cast<std::size_t>(f)].reached;
+  }
+}
+
+/// The same, its end led over to its beginning by `count` frames about the place. False: one of
+/// them lost its targets.
+bool Laps::lead_over(std::int64_t place, std::int64_t count, CycleReport& report) {
+  const std::int64_t first = place - count / 2;
+  cut(first, report);
+  for (std::int64_t i = 0; i < count; ++i) {
+    const std::int64_t to = first + i, from = to + period_;
+    const auto way = answer(to);
+    const double w = smooth(static_cast<double>(i + 1) / static_cast<double>(count + 1));
+    for (std::size_t j = 0; j < joints_; ++j) {
+      way[j] = moved(pose(from)[j], pose(from)[j], pose(to)[j], w);
+    }
     solver_.resume(way, way);
     const std::size_t effectors = rig_.effectors.size();
-    const IkReport one =
-        solver_.follow(targets_.subspan(frame_of(0, f) * effectors, effectors), way);
+    const IkReport one = solver_.follow(
+        targets_.subspan(static_cast<std::size_t>(to % period_) * effectors, effectors), way);
     report.relinearisations += one.relinearisations;
-    const Outcome &from = outcomes_[frame_of(lap - 1, f)], &to = outcomes_[frame_of(lap, f)];
-    if (!one.reached && (from.reached && to.reached)) return false;
-    if (!one.reached && one.cost > kDearer * std::max(from.cost, to.cost)) return false;
-    report.unreached += !one.reached;
+    const Outcome &a = outcomes_[static_cast<std::size_t>(to)],
+                  &b = outcomes_[static_cast<std::size_t>(from)];
+    report.unreached += a.reached - one.reached;
+    if (one.reached) continue;
+    if (a.reached && b.reached) return false;
+    if (one.cost > kDearer * std::max(a.cost, b.cost)) return false;
   }
   return true;
 }
 
 void Laps::close(CycleReport& report) {
-  const auto [nearest, nearest_lap] = pairs_.front();
-  report.closed = nearest <= kMet;
-  report.apart_rad = nearest;
-  for (std::size_t i = 0; i < std::min(pairs_.size(), kFades) && !report.closed; ++i) {
-    report.unreached = 0;
-    report.apart_rad = pairs_[i].first;
-    report.closed = report.faded = fade(pairs_[i].second, report);
+  std::vector<Place> places;
+  for (std::int64_t f = 0; f + period_ < frames_; f += period_) {
+    places.push_back(nearest(f, f + period_));
   }
-  if (report.faded) return;
-  report.unreached = 0;
-  for (std::int64_t f = 0; f < period_; ++f) {
-    report.unreached += !outcomes_[frame_of(nearest_lap, f)].reached;
-    std::ranges::copy(pose(nearest_lap, f), answer_.begin() + frame_of(0, f) * joints_);
+  std::ranges::sort(places, {}, &Place::apart);
+  if (places.size() > kPlaces) places.resize(kPlaces);
+  const Place best = places.front();
+  report.apart_rad = best.apart;
+  report.closed = best.apart <= kMet;
+  for (std::size_t i = 0; i < places.size() && !report.closed; ++i) {
+    const Place& place = places[i];
+    if (!std::isfinite(place.apart)) break;
+    const auto shortest =
+        std::max(static_cast<std::int64_t>(std::sqrt(6.0 * place.apart / kMostBend)), kShortestWay);
+    const std::int64_t room = 2 * std::min(place.frame, frames_ - period_ - kMending - place.frame);
+    std::int64_t count = std::min(shortest, period_);
+    for (int k = 0; k < kLonger && count <= room && !report.closed; ++k) {
+      report.apart_rad = place.apart;
+      report.closed = report.led_over = lead_over(place.frame, count, report);
+      if (count == period_) break;
+      count = std::min(2 * count, period_);
+    }
   }
+  if (report.led_over) return;
+  report.apart_rad = best.apart;
+  cut(best.frame, report);
 }
 
 }  // namespace

@@ -27,7 +27,7 @@ struct PoseStep {
 };
 struct CycleSteps {
   PoseStep seam;       ///< from the last frame into the first
-  PoseStep elsewhere;  /// < the largest of the others, each figure by itself
+  PoseStep elsewhere;  ///< the largest of the others, each figure by itself
 };
 /// Of frames that go round: `poses` [frame * joints], parent from joint, without a repeated one.
 CycleSteps cycle_steps(const Rig&, std::span<const DualQuaternion> poses);
@@ -37,8 +37,8 @@ struct CycleReport {
   std::int64_t period = 0;     ///< frames, a repeated one not counted
   int laps = 0;                ///< solved
   bool closed = false;         ///< false: no way was found round the seam, which stays open
-  bool faded = false;          ///< two laps that did not meet were led into each other
-  double apart_rad = 0.0;      ///< how far the answer's lap and the one before are from each other
+  bool led_over = false;       ///< laps did not meet, and one was led over into the other
+  double apart_rad = 0.0;      ///< of the two laps, where the answer goes from one to the other
   std::int64_t unreached = 0;  ///< frames of the answer with a strong effector off its target
   int mended = 0, jumps = 0;   ///< as IkClipSolver's, in all laps
   int relinearisations = 0;    ///< in all

@@ -1,13 +1,17 @@
 #pragma once
 
 #include <algorithm>
+#include <cstdint>
 #include <span>
 
 #include "assets/model/dual_quaternion.h"
 
 namespace limber {
 
-// Ways from one pose to another, joint by joint.
+// Ways from one solution of a clip to another, joint by joint.
+
+inline constexpr double kMostBend = 3e-3;        ///< rad per frame^2, of such a way
+inline constexpr std::int64_t kShortestWay = 8;  ///< frames
 
 /// From 0 to 1 as u does, at rest at both ends.
 inline double smooth(double u) { return u * u * (3.0 - 2.0 * u); }

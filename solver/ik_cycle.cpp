@@ -1,18 +1,19 @@
 // Going round.
 //
 // Following a clip forgets: what targets leave open is pulled towards the middle of its range and
-// loses its speed (ik_descent.h). So a lap contracts what two starts of it differ by, to the part
-// c < 1, and laps one after the other tend to one cycle, wherever the first started. Lap n differs
-// from lap n - 1 by about c times what that differed from the one before by; where this has become
-// kMet, the cycle is at most kMet c / (1 - c) away, and lap n is the answer: it ends where it
-// began, at the speed it began with.
+// loses its speed (ik_descent.h). So where nothing else happens a lap contracts what two starts of
+// it differ by, to the part c < 1, and laps one after the other tend to one cycle, wherever the
+// first of them started. A lap differs from the one before by about c times what that one did;
+// where this has become kMet, the cycle is at most kMet c / (1 - c) away, and the lap is the
+// answer: it ends where it began, at the speed it began with.
 //
-// Laps need not meet: mending (ik_clip.cpp) takes where it finds a way, and out of reach there is
-// more than one best reach. But all laps are one smooth way x_0, x_1, ..., so this closes too: with
-// N frames a lap and a frame c where x_c and x_{c+N} are near, n frames about c are x_{k+N} moved
-// by the part w of every joint's turn to x_k, w(u) = u^2 (3 - 2 u) from 0 at c - n/2 to 1 at c +
-// n/2, and brought back onto their own targets. Then follow x_{c+n/2} to x_{c+N-n/2-1}, and the
-// cycle begins anew. w rests at both ends, so n follows from the turn as it does in ik_clip.cpp.
+// Laps need not meet: what swings fast carries itself on from lap to lap, mending (ik_clip.cpp)
+// takes where it finds a way, and out of reach there is more than one best reach. But all laps are
+// one smooth way x_0, x_1, ..., so this closes too: with N frames a lap and a frame c where x_c and
+// x_{c+N} are near, n frames about c are x_{k+N} moved by the part w of every joint's turn to x_k,
+// w(u) = u^2 (3 - 2 u) from 0 at c - n/2 to 1 at c + n/2, and brought back onto their own targets.
+// Then follow x_{c+n/2} to x_{c+N-n/2-1}, and the cycle begins anew. w rests at both ends, so n
+// follows from the turn as it does in ik_clip.cpp.
 #include "solver/ik_cycle.h"
 
 #include <algorithm>
@@ -39,6 +40,7 @@ constexpr std::int64_t kPatience = 6;  // laps that come no nearer
 constexpr std::int64_t kMending = 40;  // frames that the last one solved may still change
 constexpr std::size_t kPlaces = 6;     // to close at, the nearest first,
 constexpr int kLonger = 3;             // and ways there, each twice as long as the one before
+constexpr double kHaste = 2.0;         // of its steps to the laps' own, at most
 constexpr double kDearer = 1.01;       // than its laps' cost: a frame of it that is out of reach
 
 using Steps = Eigen::Matrix3Xd;  // a vector per effector, or joint
@@ -156,12 +158,13 @@ class Laps {
   std::span<const DualQuaternion> pose(std::int64_t frame) const {
     return std::span(poses_).subspan(static_cast<std::size_t>(frame) * joints_, joints_);
   }
-  std::span<DualQuaternion> answer(std::int64_t frame) {
+  std::span<const DualQuaternion> answer(std::int64_t frame) const {
     return std::span(answer_).subspan(static_cast<std::size_t>(frame % period_) * joints_, joints_);
   }
   Place nearest(std::int64_t first, std::int64_t last) const;
   void cut(std::int64_t place, CycleReport&);
   bool lead_over(std::int64_t place, std::int64_t count, CycleReport&);
+  bool jumps(std::int64_t frame, std::int64_t count) const;
 
   IkSolver& solver_;
   const Rig& rig_;
@@ -225,19 +228,32 @@ void Laps::run(std::span<const DualQuaternion> start, CycleReport& report) {
 void Laps::cut(std::int64_t place, CycleReport& report) {
   report.unreached = 0;
   for (std::int64_t f = place; f < place + period_; ++f) {
-    std::ranges::copy(pose(f), answer(f).begin());
+    std::ranges::copy(pose(f),
+                      answer_.begin() + (f % period_) * static_cast<std::int64_t>(joints_));
     report.unreached += !outcomes_[static_cast<std::size_t>(f)].reached;
   }
 }
 
+/// The answer's step to a frame that was led over is out of proportion to the two laps' own and the
+/// way between them: where targets leave room on two sides of a limit, starts on end may fall
+/// apart.
+bool Laps::jumps(std::int64_t to, std::int64_t count) const {
+  const std::int64_t from = to + period_;
+  const double laps =
+      std::max(largest_turn(pose(to - 1), pose(to)), largest_turn(pose(from - 1), pose(from)));
+  const double way = 1.5 * largest_turn(pose(from), pose(to)) / static_cast<double>(count);
+  return largest_turn(answer(to + period_ - 1), answer(to)) > kHaste * (laps + way);
+}
+
 /// The same, its end led over to its beginning by `count` frames about the place. False: one of
-/// them lost its targets.
+/// them lost its targets, or jumped.
 bool Laps::lead_over(std::int64_t place, std::int64_t count, CycleReport& report) {
   const std::int64_t first = place - count / 2;
   cut(first, report);
   for (std::int64_t i = 0; i < count; ++i) {
     const std::int64_t to = first + i, from = to + period_;
-    const auto way = answer(to);
+    const auto way =
+        std::span(answer_).subspan(static_cast<std::size_t>(to % period_) * joints_, joints_);
     const double w = smooth(static_cast<double>(i + 1) / static_cast<double>(count + 1));
     for (std::size_t j = 0; j < joints_; ++j) {
       way[j] = moved(pose(from)[j], pose(from)[j], pose(to)[j], w);
@@ -253,6 +269,9 @@ bool Laps::lead_over(std::int64_t place, std::int64_t count, CycleReport& report
     if (one.reached) continue;
     if (a.reached && b.reached) return false;
     if (one.cost > kDearer * std::max(a.cost, b.cost)) return false;
+  }
+  for (std::int64_t i = 0; i <= count; ++i) {
+    if (jumps(first + i, count)) return false;
   }
   return true;
 }

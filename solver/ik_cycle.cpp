@@ -46,9 +46,9 @@ constexpr double kDearer = 1.01;       // than its laps' cost: a frame of it tha
 using Steps = Eigen::Matrix3Xd;  // a vector per effector, or joint
 
 /// How targets go from one frame to another: [2 effector] m, then angles at kAngleReach.
-Steps target_step(const Rig& rig, std::span<const EffectorTarget> from,
-                  std::span<const EffectorTarget> to) {
-  Steps step = Steps::Zero(3, static_cast<Eigen::Index>(2 * rig.effectors.size()));
+void target_step(const Rig& rig, std::span<const EffectorTarget> from,
+                 std::span<const EffectorTarget> to, Steps& step) {
+  step.setZero();
   for (std::size_t e = 0; e < rig.effectors.size(); ++e) {
     const IkEffector effector = make_effector(rig.effectors[e], -1, DualQuaternion::identity());
     const IkGoal goal = make_goal(effector, to[e]);
@@ -64,10 +64,10 @@ Steps target_step(const Rig& rig, std::span<const EffectorTarget> from,
       }
     }
   }
-  return step;
 }
 
-double longest(const Steps& steps) {
+template <class Vectors>
+double longest(const Eigen::MatrixBase<Vectors>& steps) {
   return steps.size() == 0 ? 0.0 : std::sqrt(steps.colwise().squaredNorm().maxCoeff());
 }
 
@@ -80,38 +80,42 @@ Closing closing_of(const Rig& rig, std::span<const EffectorTarget> targets) {
   const auto at = [&](std::int64_t frame) {
     return targets.subspan(static_cast<std::size_t>(frame % frames) * effectors, effectors);
   };
-  const bool repeats = longest(target_step(rig, at(frames - 1), at(0))) <= kSame;
+  const Steps none = Steps::Zero(3, static_cast<Eigen::Index>(2 * effectors));
+  Steps first = none, before = none, step = none;
+  target_step(rig, at(frames - 1), at(0), step);
+  const bool repeats = longest(step) <= kSame;
   const std::int64_t period = repeats ? frames - 1 : frames;
   double most = 0.0, most_change = 0.0;
-  Steps before = target_step(rig, at(0), at(1));
-  const Steps first = before;
+  target_step(rig, at(0), at(1), first);
+  before = first;
   for (std::int64_t f = 1; f < period - 1; ++f) {
-    const Steps step = target_step(rig, at(f), at(f + 1));
+    target_step(rig, at(f), at(f + 1), step);
     most = std::max({most, longest(before), longest(step)});
     most_change = std::max(most_change, longest(step - before));
-    before = step;
+    std::swap(before, step);
   }
-  const Steps seam = target_step(rig, at(period - 1), at(0));
+  Steps& seam = step;
+  target_step(rig, at(period - 1), at(0), seam);
   const double change = std::max(longest(seam - before), longest(first - seam));
-  if (longest(seam) > kAsElsewhere * most + kSame) return Closing::none;
-  if (change > kAsElsewhere * most_change + kSame) return Closing::none;
+  if (!(longest(seam) <= kAsElsewhere * most + kSame)) return Closing::none;
+  if (!(change <= kAsElsewhere * most_change + kSame)) return Closing::none;
   return repeats ? Closing::repeats : Closing::continues;
 }
 
 CycleSteps cycle_steps(const Rig& rig, std::span<const DualQuaternion> poses) {
   const std::size_t joints = rig.joints.size(), frames = poses.size() / joints;
   const Skeleton skeleton = skeleton_of(rig);
-  std::vector<Pose> world(frames, Pose(joints));
-  for (std::size_t f = 0; f < frames; ++f) {
-    model_from_local(skeleton, poses.subspan(f * joints, joints), world[f]);
+  std::vector<DualQuaternion> world(poses.size());
+  for (std::size_t first = 0; first < poses.size(); first += joints) {
+    model_from_local(skeleton, poses.subspan(first, joints),
+                     std::span(world).subspan(first, joints));
   }
   const auto step = [&](std::size_t f, Steps& way, Steps& turn) {
-    const std::size_t a = f % frames, b = (f + 1) % frames;
     for (std::size_t j = 0; j < joints; ++j) {
+      const std::size_t a = f * joints + j, b = (f + 1) % frames * joints + j;
       const auto column = static_cast<Eigen::Index>(j);
-      way.col(column) = world[b][j].translation() - world[a][j].translation();
-      turn.col(column) = rotation_log(poses[a * joints + j].rotation().conjugate() *
-                                      poses[b * joints + j].rotation());
+      way.col(column) = world[b].translation() - world[a].translation();
+      turn.col(column) = rotation_log(poses[a].rotation().conjugate() * poses[b].rotation());
     }
   };
   CycleSteps out;
@@ -278,6 +282,7 @@ bool Laps::lead_over(std::int64_t place, std::int64_t count, CycleReport& report
 
 void Laps::close(CycleReport& report) {
   std::vector<Place> places;
+  places.reserve(static_cast<std::size_t>(frames_ / period_));
   for (std::int64_t f = 0; f + period_ < frames_; f += period_) {
     places.push_back(nearest(f, f + period_));
   }

@@ -46,11 +46,12 @@ struct CycleReport {
 };
 
 /// Solves a clip that is a cycle so that its solution is one too: what the targets leave open comes
-/// back to where it was, and the last frame flows into the first in place and speed. `targets`:
-/// [frame * effectors]. `poses`: [frame * joints], parent from joint; the first frame holds the
-/// start, the others are written. Every limited joint is within its limits. max_speed holds within
-/// a lap; leading one lap into the other does not count it. Error: `clip-open`, the targets close
-/// in no way; `poses` stay.
+/// back to where it was, and the last frame flows into the first in place and speed. Where laps met
+/// (closed, not led_over, nothing mended) the answer is the same at whatever frame the cycle
+/// begins. Every limited joint is within its limits (1e-5 degrees). max_speed holds within a lap;
+/// leading one lap over into another does not count it. `targets`: [frame * effectors]. `poses`:
+/// [frame * joints], parent from joint; the first frame holds the start, all are written. Error:
+/// `clip-open`, the targets close in no way; `poses` stay.
 Result<CycleReport> solve_cycle(IkSolver&, const Rig&, std::span<const EffectorTarget> targets,
                                 std::span<DualQuaternion> poses);
 

@@ -6,6 +6,7 @@
 #include <tuple>
 
 #include "solver/ik_clip.h"
+#include "tests/solver/allocation_count.h"
 #include "tests/solver/seeded_motion.h"
 
 namespace limber {
@@ -189,6 +190,20 @@ std::vector<EffectorTarget> circling(const Rig& rig, int frames, double (*turns)
     }
   }
   return all;
+}
+
+TEST(Cycle, AllocationsDoNotGrowWithItsFrames) {
+  std::vector<std::size_t> counts;
+  for (const int period : {60, 150}) {
+    const Motion motion("hand", 1, period, 0.3);
+    const auto targets = motion.targets(0, period);
+    auto poses = motion.poses(0, period);
+    IkSolver solver = clip_solver(motion.rig);
+    const std::size_t before = test::allocation_count();
+    ASSERT_TRUE(solve_cycle(solver, motion.rig, targets, poses).ok());
+    counts.push_back(test::allocation_count() - before);
+  }
+  EXPECT_EQ(counts[0], counts[1]);
 }
 
 TEST(Cycle, AClipThatDoesNotCloseIsRefusedAndLeftAsItIs) {

@@ -7,6 +7,7 @@
 #include <cstdio>
 #include <fstream>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <vector>
 
 #include "assets/model/rig.h"
@@ -25,6 +26,26 @@ struct FrameResult : EffectorMiss {
   int iterations = 0;
 };
 
+nlohmann::ordered_json step_json(const PoseStep& step) {
+  constexpr double kDeg = 180.0 / M_PI;
+  return {{"position_mm", 1e3 * step.way_m},
+          {"angle_deg", kDeg * step.turn_rad},
+          {"velocity_jump_mm", 1e3 * step.way_change_m},
+          {"velocity_jump_deg", kDeg * step.turn_change_rad}};
+}
+
+/// The seam of a cycle beside the largest step elsewhere; velocities are per frame.
+nlohmann::ordered_json cycle_json(const CycleReport& cycle) {
+  return {{"period", cycle.period},
+          {"last_frame_repeats_first", cycle.closing == Closing::repeats},
+          {"laps", cycle.laps},
+          {"closed", cycle.closed},
+          {"led_over", cycle.led_over},
+          {"laps_apart_deg", cycle.apart_rad * 180.0 / M_PI},
+          {"seam", step_json(cycle.steps.seam)},
+          {"elsewhere", step_json(cycle.steps.elsewhere)}};
+}
+
 class Bench {
  public:
   Bench(const BenchArgs& args, Workload work) : args_(args), work_(std::move(work)) {}
@@ -39,6 +60,7 @@ class Bench {
   const BenchArgs& args_;
   Workload work_;
   std::vector<FrameResult> results_;
+  std::optional<CycleReport> cycle_;
   std::vector<double> fk_us_;
   Clip clip_;
 };
@@ -68,11 +90,13 @@ Result<void> Bench::run() {
   if (args_.sweeps > 0) options.sweeps = args_.sweeps;
   options.extrapolate = args_.start == "extrapolate";
   const auto lanes = static_cast<std::size_t>(args_.lanes);
-  Result<WorkloadRun> run = args_.solver == "ceres"
+  Result<WorkloadRun> run = args_.cycle ? run_workload_cycle(work_, options)
+                            : args_.solver == "ceres"
                                 ? run_workload_with_ceres(work_, work_.frames(), lanes)
                                 : run_workload(work_, options, work_.frames(), lanes);
   if (!run) return run.error();
   measure(run.value());
+  cycle_ = run->cycle;
   clip_ = std::move(run->clip);
   return {};
 }
@@ -95,17 +119,20 @@ nlohmann::ordered_json Bench::summary() const {
                                   {"p95", percentile(values, 95.0)},
                                   {"max", percentile(values, 100.0)}};
   };
-  return {{"workload", work_.name + (args_.pos ? " pos" : "")},
-          {"solver", args_.solver},
-          {"frames", work_.frames()},
-          {"us", {{"median", percentile(us, 50.0)}, {"p99", percentile(us, 99.0)}}},
-          {"fk_us", percentile(fk_us_, 50.0)},
-          {"iterations",
-           {{"median", percentile(iterations, 50.0)}, {"p99", percentile(iterations, 99.0)}}},
-          {"position_error_mm", spread(mm)},
-          {"orientation_error_deg", spread(deg)},
-          {"limit_violations", limits.violations},
-          {"success_rate", static_cast<double>(solved) / static_cast<double>(work_.frames())}};
+  nlohmann::ordered_json summary = {
+      {"workload", work_.name + (args_.pos ? " pos" : "")},
+      {"solver", args_.solver},
+      {"frames", work_.frames()},
+      {"us", {{"median", percentile(us, 50.0)}, {"p99", percentile(us, 99.0)}}},
+      {"fk_us", percentile(fk_us_, 50.0)},
+      {"iterations",
+       {{"median", percentile(iterations, 50.0)}, {"p99", percentile(iterations, 99.0)}}},
+      {"position_error_mm", spread(mm)},
+      {"orientation_error_deg", spread(deg)},
+      {"limit_violations", limits.violations},
+      {"success_rate", static_cast<double>(solved) / static_cast<double>(work_.frames())}};
+  if (cycle_) summary["cycle"] = cycle_json(*cycle_);
+  return summary;
 }
 
 Result<void> Bench::write_solutions() const {
@@ -151,6 +178,13 @@ void print_lines(const nlohmann::ordered_json& s) {
   }
   fmt::print("  solved {:.2f} %, limit violations {}\n", 100.0 * s["success_rate"].get<double>(),
              s["limit_violations"].get<std::int64_t>());
+  if (!s.contains("cycle")) return;
+  for (const char* at : {"seam", "elsewhere"}) {
+    const auto& step = s["cycle"][at];
+    fmt::print("  {:<15} {:.4f} mm, {:.4f} degrees; velocity jump {:.4f} mm, {:.4f} degrees\n", at,
+               step["position_mm"].get<double>(), step["angle_deg"].get<double>(),
+               step["velocity_jump_mm"].get<double>(), step["velocity_jump_deg"].get<double>());
+  }
 }
 
 }  // namespace
@@ -167,6 +201,12 @@ int bench_command(const BenchArgs& args) {
   }
   Result<Workload> work = read_workload(args.workload);
   if (!work) return complain(work.error(), args);
+  if (args.cycle && (args.solver == "ceres" || args.lanes > 1 || work->rest_start)) {
+    return complain({.code = "bench-options",
+                     .message = "--cycle is of a motion, solved by pgs or pgs-paper in one lane",
+                     .hint = "leave out --cycle, or --lanes and --solver ceres"},
+                    args);
+  }
   Bench bench(args, std::move(work.value()));
   if (Result<void> ran = bench.run(); !ran) return complain(ran.error(), args);
   if (!args.solutions.empty()) {

@@ -12,6 +12,7 @@ struct BenchArgs {
   std::string solver = "pgs";         ///< pgs, pgs-paper or ceres
   bool pos = false;                   ///< judge and pull positions alone (weight_rot := 0)
   std::string start = "extrapolate";  ///< or previous: the last solution as it is
+  bool cycle = false;     ///< the workload is a cycle, solved as one (solver/ik_cycle.h)
   int lanes = 1;          ///< the clip is cut into so many runs, each starting at its truth
   double stop_mm = 0.0;   ///< > 0: tolerance at which the solver may stop; else the workload's
   double stop_deg = 0.0;  ///< likewise

@@ -261,6 +261,7 @@ class Program {
     c->add_option("--solver", bench_.solver)->check(CLI::IsMember({"pgs", "pgs-paper", "ceres"}));
     c->add_flag("--pos", bench_.pos, "positions alone");
     c->add_option("--start", bench_.start)->check(CLI::IsMember({"extrapolate", "previous"}));
+    c->add_flag("--cycle", bench_.cycle, "the workload is a cycle: close it, report its seam");
     c->add_option("--lanes", bench_.lanes)->check(CLI::PositiveNumber);
     c->add_option("--stop-mm", bench_.stop_mm)->check(CLI::PositiveNumber);
     c->add_option("--stop-deg", bench_.stop_deg)->check(CLI::PositiveNumber);

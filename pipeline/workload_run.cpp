@@ -28,6 +28,7 @@ class Runner {
 
   Result<void> lone_poses();
   Result<void> motion(std::size_t first, std::size_t last);
+  Result<void> cycle();
   /// Side by side: lane i solves the frames from cuts[i] to cuts[i + 1].
   Result<void> motions(std::span<const std::size_t> cuts);
   Result<void> with_ceres(std::size_t frame, bool fresh);
@@ -37,6 +38,7 @@ class Runner {
   std::span<DualQuaternion> frame(std::size_t f) {
     return run_.clip.frame(static_cast<std::int64_t>(f));
   }
+  std::vector<EffectorTarget> targets(std::size_t first, std::size_t last) const;
   void keep(std::size_t f, double us, int iterations) {
     run_.us[f] = us;
     run_.iterations[f] = iterations;
@@ -47,6 +49,14 @@ class Runner {
   Pose pose_;
   WorkloadRun run_;
 };
+
+std::vector<EffectorTarget> Runner::targets(std::size_t first, std::size_t last) const {
+  std::vector<EffectorTarget> all;
+  for (std::size_t f = first; f < last; ++f) {
+    all.insert(all.end(), work_.targets[f].begin(), work_.targets[f].end());
+  }
+  return all;
+}
 
 Result<void> Runner::lone_poses() {
   Result<IkSolver> solver = IkSolver::create(work_.rig, options_);
@@ -65,13 +75,10 @@ Result<void> Runner::motion(std::size_t first, std::size_t last) {
   Result<IkSolver> solver = IkSolver::create(work_.rig, options_);
   if (!solver) return solver.error();
   pose_from_coordinates(work_.rig, work_.truth_q[first], frame(first));
-  std::vector<EffectorTarget> targets;
-  for (std::size_t f = first; f < last; ++f) {
-    targets.insert(targets.end(), work_.targets[f].begin(), work_.targets[f].end());
-  }
+  const std::vector<EffectorTarget> goals = targets(first, last);
   const std::size_t joints = work_.rig.joints.size();
   IkClipSolver clip(
-      *solver, work_.rig, targets,
+      *solver, work_.rig, goals,
       std::span(run_.clip.parent_from_joint).subspan(first * joints, (last - first) * joints));
   auto start = Clock::now();
   for (std::size_t f = first; f < last; ++f) {
@@ -80,6 +87,24 @@ Result<void> Runner::motion(std::size_t first, std::size_t last) {
     keep(f, microseconds(end - start), report.relinearisations);
     start = end;
   }
+  return {};
+}
+
+Result<void> Runner::cycle() {
+  Result<IkSolver> solver = IkSolver::create(work_.rig, options_);
+  if (!solver) return solver.error();
+  const std::size_t frames = run_.us.size();
+  pose_from_coordinates(work_.rig, work_.truth_q.front(), frame(0));
+  const std::vector<EffectorTarget> goals = targets(0, frames);
+  const auto start = Clock::now();
+  const auto report = solve_cycle(*solver, work_.rig, goals, run_.clip.parent_from_joint);
+  if (!report) return report.error();
+  const double each = microseconds(Clock::now() - start) / static_cast<double>(frames);
+  const auto count = static_cast<std::size_t>(report->relinearisations);
+  for (std::size_t f = 0; f < frames; ++f) {
+    keep(f, each, static_cast<int>((f + 1) * count / frames - f * count / frames));
+  }
+  run_.cycle = report.value();
   return {};
 }
 
@@ -142,6 +167,12 @@ Result<WorkloadRun> run_workload_with_ceres(const Workload& work, std::size_t fr
     const bool cut = (f * lanes) % frames < lanes;  // a run's first frame
     if (auto ran = runner.with_ceres(f, work.rest_start || cut); !ran) return ran.error();
   }
+  return runner.take();
+}
+
+Result<WorkloadRun> run_workload_cycle(const Workload& work, const IkOptions& options) {
+  Runner runner(work, options, work.frames());
+  if (auto ran = runner.cycle(); !ran) return ran.error();
   return runner.take();
 }
 

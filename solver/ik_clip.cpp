@@ -16,15 +16,15 @@
 #include <utility>
 
 #include "solver/ik_descent.h"
+#include "solver/pose_way.h"
 #include "solver/strewn_numbers.h"
 
 namespace limber {
 
 namespace {
 
-constexpr double kMostBend = 3e-3;  // rad per frame^2, of the way to another solution
-constexpr int kLonger = 3;          // ways to try, each twice as long as the one before
-constexpr std::int64_t kShortest = 8, kLongest = 256, kFarthestBack = 512;
+constexpr int kLonger = 3;  // ways to try, each twice as long as the one before
+constexpr std::int64_t kShortest = kShortestWay, kLongest = 256, kFarthestBack = 512;
 constexpr std::size_t kTried = 4;      // other solutions are enough
 constexpr int kStrewn = 12;            // starts in search of another solution,
 constexpr double kStrewnWidth = 0.35;  // rad on each axis of each joint
@@ -37,18 +37,6 @@ constexpr std::int64_t kMostPatience = 1024;  // frames before the next try wher
 // Frames may be solved again for a hurry's sake, some for each new frame, saved up to so many.
 constexpr double kCreditPerFrame = 0.5, kMostCredit = 400.0;
 
-double smooth(double u) { return u * u * (3.0 - 2.0 * u); }
-
-/// from moved by the part w of the motion that leads from a to b.
-DualQuaternion moved(const DualQuaternion& from, const DualQuaternion& a, const DualQuaternion& b,
-                     double w) {
-  const Eigen::Quaterniond turn =
-      Eigen::Quaterniond::Identity().slerp(w, a.rotation().conjugate() * b.rotation());
-  return DualQuaternion::from_rotation_translation(
-      (from.rotation() * turn).normalized(),
-      from.translation() + w * (b.translation() - a.translation()));
-}
-
 /// Every joint turned by up to `width` rad about an axis of its own.
 void strew(double width, std::uint64_t seed, std::span<DualQuaternion> pose) {
   StrewnNumbers numbers(seed);
@@ -59,14 +47,6 @@ void strew(double width, std::uint64_t seed, std::span<DualQuaternion> pose) {
     joint = DualQuaternion::from_rotation_translation((joint.rotation() * turn).normalized(),
                                                       joint.translation());
   }
-}
-
-double largest_turn(std::span<const DualQuaternion> a, std::span<const DualQuaternion> b) {
-  double most = 0.0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    most = std::max(most, rotation_angle(a[i].rotation(), b[i].rotation()));
-  }
-  return most;
 }
 
 }  // namespace
@@ -91,7 +71,8 @@ std::span<DualQuaternion> IkClipSolver::row(std::vector<DualQuaternion>& poses, 
 }
 
 std::span<const EffectorTarget> IkClipSolver::targets(std::int64_t frame) const {
-  return targets_.subspan(static_cast<std::size_t>(frame * effectors_),
+  const auto first = static_cast<std::size_t>(frame * effectors_);
+  return targets_.subspan(targets_.empty() ? 0 : first % targets_.size(),
                           static_cast<std::size_t>(effectors_));
 }
 

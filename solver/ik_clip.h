@@ -17,8 +17,9 @@ namespace limber {
 /// each still on its targets, so that nothing jumps.
 class IkClipSolver {
  public:
-  /// `targets`: [frame * effectors]. `poses`: [frame * joints], parent from joint; the first frame
-  /// holds the start, answers are written as they come. Both and the solver outlive this.
+  /// `targets`: [frame * effectors], gone round where there are more poses. `poses`: [frame *
+  /// joints], parent from joint; the first frame holds the start, answers are written as they come.
+  /// Both and the solver outlive this.
   IkClipSolver(IkSolver& solver, const Rig&, std::span<const EffectorTarget> targets,
                std::span<DualQuaternion> poses);
 

@@ -34,31 +34,9 @@
 
 #include <cmath>
 
+#include "solver/effector_rows.h"
+
 namespace limber {
-
-namespace {
-
-Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) {
-  Eigen::Matrix3d m;
-  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
-  return m;
-}
-
-/// What turning is weighted with; a gaze whose target is at the eye has no rows.
-double turning_weight(const IkEffector& effector, const IkGoal& goal, const IkError& error) {
-  return effector.kind == EffectorKind::gaze && error.ray.isZero(0.0) ? 0.0 : goal.inertia;
-}
-
-/// The part of a node's motion at the effector point that its rotation error sees.
-Eigen::Vector3d seen_turn(const IkEffector& effector, const IkError& error,
-                          const Eigen::Vector3d& turn, const Eigen::Vector3d& move) {
-  if (!has_axis(effector.kind)) return turn;
-  Eigen::Vector3d seen = turn;
-  if (effector.kind == EffectorKind::gaze) seen += error.ray.cross(move);
-  return seen - error.axis.dot(seen) * error.axis;
-}
-
-}  // namespace
 
 void effector_jacobian(const IkTree& tree, std::span<const IkGoal> goals,
                        const IkKinematics& kinematics, Eigen::Ref<Eigen::MatrixXd> jacobian) {
@@ -73,7 +51,7 @@ void effector_jacobian(const IkTree& tree, std::span<const IkGoal> goals,
         Eigen::Vector3d turn = kinematics.axis[k].head<3>();
         Eigen::Vector3d move = kinematics.axis[k].tail<3>() + turn.cross(arm);
         turn = seen_turn(effector, error, turn, move);
-        if (effector.kind == EffectorKind::line) move -= goals[e].axis.dot(move) * goals[e].axis;
+        move = seen_move(effector, goals[e], move);
         if (goals[e].mass > 0.0) jacobian.block<3, 1>(6 * e, k) = move;
         if (turning_weight(effector, goals[e], error) > 0.0) {
           jacobian.block<3, 1>(6 * e + 3, k) = turn;
@@ -87,6 +65,12 @@ namespace {
 
 using Inertia = SpatialInertia<double>;
 
+Eigen::Matrix3d cross_matrix(const Eigen::Vector3d& v) {
+  Eigen::Matrix3d m;
+  m << 0, -v.z(), v.y(), v.z(), 0, -v.x(), -v.y(), v.x(), 0;
+  return m;
+}
+
 /// Adds the inertia of m (1 - n n') at d: a line is free to slide along itself.
 void add_line_mass(const IkGoal& goal, const Eigen::Vector3d& d, Inertia& inertia) {
   const Eigen::Matrix3d arm = cross_matrix(d);
@@ -95,15 +79,14 @@ void add_line_mass(const IkGoal& goal, const Eigen::Vector3d& d, Inertia& inerti
   inertia.add_blocks(-arm * mass * arm, arm * mass, mass);
 }
 
-/// Rows B of the file's head: inertia weight B'B and pull weight B'e, at d.
-void add_gaze(const IkError& error, double weight, const Eigen::Vector3d& d, Inertia& inertia,
-              Vector6& pull) {
-  const Eigen::Matrix3d across = Eigen::Matrix3d::Identity() - error.axis * error.axis.transpose();
-  Eigen::Matrix<double, 3, 6> rows;
-  rows.rightCols<3>() = across * cross_matrix(error.ray);
-  rows.leftCols<3>() = across - rows.rightCols<3>() * cross_matrix(d);
-  for (int i = 0; i < 3; ++i) inertia.add_outer(rows.row(i).transpose(), weight);
-  pull.noalias() += weight * rows.transpose() * error.rotation;
+/// Rows B of the file's head, at d: inertia j B'B and pull j B'e.
+void add_gaze(const IkEffector& effector, const IkError& error, double weight,
+              const Eigen::Vector3d& d, Inertia& inertia, Vector6& pull) {
+  for (int i = 0; i < 3; ++i) {
+    const Vector6 row = turn_row(effector, error, Eigen::Vector3d::Unit(i)).wrench(d);
+    inertia.add_outer(row, weight);
+    pull += weight * error.rotation[i] * row;
+  }
 }
 
 void add_point_curvature(const Eigen::Vector3d& d, const Eigen::Vector3d& force, Inertia& inertia) {
@@ -160,7 +143,7 @@ void effector_load(const IkTree& tree, std::span<const IkGoal> goals,
     }
     const double turning = turning_weight(effector, goal, error);
     if (turning > 0.0 && effector.kind == EffectorKind::gaze) {
-      add_gaze(error, turning, error.point - kinematics.origin, inertia, pull);
+      add_gaze(effector, error, turning, error.point - kinematics.origin, inertia, pull);
     } else if (turning > 0.0) {
       pull.head<3>() += goal.inertia * error.rotation;
       inertia.add_angular(goal.inertia);
@@ -192,7 +175,7 @@ double predicted_cost(const IkTree& tree, std::span<const IkGoal> goals,
       move = node_twist[effector.node].tail<3>() + turn.cross(error.point - kinematics.origin);
     }
     turn = seen_turn(effector, error, turn, move);
-    if (effector.kind == EffectorKind::line) move -= goal.axis.dot(move) * goal.axis;
+    move = seen_move(effector, goal, move);
     cost += goal.mass * (error.position - move).squaredNorm();
     cost += turning_weight(effector, goal, error) * (error.rotation - turn).squaredNorm();
   }

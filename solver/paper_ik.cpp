@@ -36,6 +36,7 @@
 #include <cmath>
 #include <limits>
 
+#include "solver/effector_rows.h"
 #include "solver/swing_twist.h"
 
 namespace limber {
@@ -130,21 +131,17 @@ void PaperIk::differentiate() {
     for (DualVector& twist : twists) twist = world_[parent].transform_line(twist);
   }
   for (std::size_t e = 0; e < effectors_.size(); ++e) {
-    const EffectorKind kind = effectors_[e].kind;
+    const IkEffector& effector = effectors_[e];
     const IkError& error = errors_[e];
-    const bool blind = kind == EffectorKind::gaze && error.ray.isZero(0.0);
-    const double wp = std::sqrt(goals_[e].mass), wr = blind ? 0.0 : std::sqrt(goals_[e].inertia);
+    const double wp = std::sqrt(goals_[e].mass);
+    const double wr = std::sqrt(turning_weight(effector, goals_[e], error));
     const auto row = static_cast<Eigen::Index>(6 * e);
     error_.segment<3>(row) = wp * error.position;
     error_.segment<3>(row + 3) = wr * error.rotation;
     for (const std::int32_t k : chains_[e]) {
-      Eigen::Vector3d turn = twists_[k].real, move = twists_[k].velocity_at(error.point);
-      // Turning about its own axis, or sliding along the goal's, changes no direction and no line.
-      if (kind == EffectorKind::gaze) turn += error.ray.cross(move);
-      if (has_axis(kind)) turn -= error.axis.dot(turn) * error.axis;
-      if (kind == EffectorKind::line) move -= goals_[e].axis.dot(move) * goals_[e].axis;
-      jacobian_.block<3, 1>(row, k) = wp * move;
-      jacobian_.block<3, 1>(row + 3, k) = wr * turn;
+      const Eigen::Vector3d turn = twists_[k].real, move = twists_[k].velocity_at(error.point);
+      jacobian_.block<3, 1>(row, k) = wp * seen_move(effector, goals_[e], move);
+      jacobian_.block<3, 1>(row + 3, k) = wr * seen_turn(effector, error, turn, move);
     }
   }
 }

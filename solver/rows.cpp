@@ -5,13 +5,16 @@
 // the twist of a less that of b, taken at p, r = p - g has the row (force c at p, no torque) per
 // axis c of b, and the rotation still to be made, negated, has the row (torque c): the six rows of
 // an effector, as a wrench on a and its opposite on b. (Along axes of b, because r turns with b.)
-// Lines and directions lose the components that change nothing, as in jacobian.cpp. Cost mass
-// |r|^2: compliance 1 / mass.
+// Lines, directions and gazes see less or more of that motion: effector_rows.h. Cost mass |r|^2:
+// compliance 1 / mass.
 //
 // Strict priorities. The strongest level is solved alone. Each weaker one follows under hard rows
 // J_0 d = 0 that hold what came before where it ended, so it moves in their null space only
 // (B. Siciliano, J.-J. Slotine, ICAR 1991). The held effectors also stay masses in the tree, with
-// goals where they are: on the rows that changes nothing, and it keeps the problem well posed.
+// goals where they are: on the rows that changes nothing, and it keeps the problem well posed. What
+// a gaze keeps is the image of its target: held is the direction, fixed in the eye, in which the
+// target is. So its angle to the target stays, reached or not, and the tree's goal remains the
+// target, at a cost that is constant on the rows.
 //
 // Coupling: q_to - ratio q_from - offset = 0. Speed: +-(q - q_previous) <= max_speed dt, where the
 // tree's boxes cannot say it: under an ellipse, and for rotations without limits, whose difference
@@ -21,6 +24,9 @@
 
 #include <algorithm>
 #include <cmath>
+
+#include "assets/model/eye_head_shoulder.h"
+#include "solver/effector_rows.h"
 
 namespace limber {
 
@@ -36,10 +42,6 @@ constexpr double kCoupled = 1e-6;   // rad, m
 constexpr double kSpeed = 1e-6;     // rad, m
 constexpr double kTouching = 1e-5;  // m
 constexpr double kSight = 0.03;     // m: contacts farther apart wait for the next relinearisation
-
-bool is_axial(EffectorKind kind) {
-  return kind == EffectorKind::direction || kind == EffectorKind::line;
-}
 
 Row::Term term_of(const IkTree& tree, std::int32_t joint, std::int32_t dof, double coefficient) {
   const std::int32_t node = tree.node_of[joint];
@@ -105,7 +107,8 @@ RowPlace IkRows::make_place() const {
   return place;
 }
 
-/// The link's goal, and for an effector of the tree its goal too, becomes where it is.
+/// The link's goal, and for an effector of the tree its goal too, becomes where it is; of a gaze
+/// the link's axis, where its goal is.
 void IkRows::hold(std::size_t e, const IkKinematics& k, IkGoal& goal) {
   const IkEffector& effector = tree_.effectors[e];
   Link& link = links_[e];
@@ -114,6 +117,13 @@ void IkRows::hold(std::size_t e, const IkKinematics& k, IkGoal& goal) {
   to_world(effector.node, k, world, point);
   to_world(link.base_node, k, base, origin);
   link.held = true;
+  link.axis = effector.axis;
+  if (effector.kind == EffectorKind::gaze) {
+    link.goal = goal;
+    const Vector3d sight = world.conjugate() * (origin + base * goal.position - point);
+    if (sight.norm() > kNearestGaze) link.axis = sight.normalized();
+    return;
+  }
   link.goal.mass = goal.mass;
   link.goal.inertia = goal.inertia;
   link.goal.position = base.conjugate() * (point - origin);
@@ -150,8 +160,9 @@ void IkRows::aim_at_all(std::span<const EffectorTarget> targets, std::span<IkGoa
 }
 
 void IkRows::add_link(std::size_t e, const IkKinematics& k, RowPlace& place) const {
-  const IkEffector& effector = tree_.effectors[e];
   const Link& link = links_[e];
+  IkEffector effector = tree_.effectors[e];
+  if (link.held) effector.axis = link.axis;
   Quaterniond base = link.base_rotation, world = effector.rotation;
   Vector3d origin = link.base_position, point = effector.offset;
   to_world(effector.node, k, world, point);
@@ -172,25 +183,22 @@ void IkRows::add_link(std::size_t e, const IkKinematics& k, RowPlace& place) con
   row.point = point;
   row.tolerance = kHeld;
   const Eigen::Matrix3d axes = base.toRotationMatrix();
-  const auto id = static_cast<std::int64_t>(6 * e);
+  const auto add = [&](int index, const EffectorRow& seen, double value, double weight) {
+    row.id = static_cast<std::int64_t>(6 * e) + index;
+    row.torque = seen.torque;
+    row.force = seen.force;
+    row.value = value;
+    row.compliance = link.held ? 0.0 : 1.0 / weight;
+    place.rows.push_back(row);
+  };
   for (int c = 0; c < 3 && goal.mass > 0.0; ++c) {
-    row.id = id + c;
     const Vector3d axis = axes.col(c);
-    row.force = axis;
-    if (effector.kind == EffectorKind::line) row.force -= goal.axis.dot(axis) * goal.axis;
-    row.value = -error.position.dot(axis);
-    row.compliance = link.held ? 0.0 : 1.0 / goal.mass;
-    place.rows.push_back(row);
+    add(c, move_row(effector, goal, axis), -error.position.dot(axis), goal.mass);
   }
-  row.force.setZero();
-  for (int c = 0; c < 3 && goal.inertia > 0.0; ++c) {
-    row.id = id + 3 + c;
+  const double turning = turning_weight(effector, goal, error);
+  for (int c = 0; c < 3 && turning > 0.0; ++c) {
     const Vector3d axis = axes.col(c);
-    row.torque = axis;
-    if (is_axial(effector.kind)) row.torque -= error.axis.dot(axis) * error.axis;
-    row.value = -error.rotation.dot(axis);
-    row.compliance = link.held ? 0.0 : 1.0 / goal.inertia;
-    place.rows.push_back(row);
+    add(3 + c, turn_row(effector, error, axis), -error.rotation.dot(axis), turning);
   }
 }
 

@@ -35,7 +35,8 @@ class IkRows {
   std::span<const std::int32_t> levels() const { return levels_; }
 
   /// Goals for one level. Effectors of weaker levels are absent; relative ones become rows; those
-  /// of stronger levels are held where `here` (evaluated) has them.
+  /// of stronger levels are held where `here` (evaluated) has them, a gaze with its target where it
+  /// stands in the eye.
   void aim(std::span<const EffectorTarget>, std::int32_t level, const IkKinematics& here,
            std::span<IkGoal> goals);
   /// Goals for all levels at once, nothing held: for measuring.
@@ -58,6 +59,7 @@ class IkRows {
     Eigen::Quaterniond base_rotation = Eigen::Quaterniond::Identity();
     Eigen::Vector3d base_position = Eigen::Vector3d::Zero();  ///< node_from_base
     IkGoal goal;                                              ///< in the base's space
+    Eigen::Vector3d axis = Eigen::Vector3d::UnitX();          ///< held: in the effector's space
   };
   struct CoupledPair {
     Row::Term from, to;

@@ -81,6 +81,44 @@ TEST(Bench, BothTolerancesDecideWhereASolverMayStop) {
   EXPECT_GE(median({"--stop-mm", "150"}), 1.0);  // the other one stays the workload's
 }
 
+/// The same hinge, swinging: q = sin of an even share of a turn per frame.
+json swinging_hinge(int period, int frames) {
+  json work = turning_hinge(frames);
+  for (int f = 0; f < frames; ++f) {
+    const double q = std::sin(2.0 * M_PI * f / period);
+    work["truth_q"][f] = {q};
+    work["targets"][f] = {
+        {std::cos(q), std::sin(q), 0.0, std::cos(0.5 * q), 0.0, 0.0, std::sin(0.5 * q)}};
+  }
+  return work;
+}
+
+TEST(Bench, ACycleTellsItsSeam) {
+  // From the last frame into the first the hinge turns by sin(2 pi / 50), its fastest step; the one
+  // before was sin(4 pi / 50) - sin(2 pi / 50).
+  const double degree = M_PI / 180.0, turn = std::sin(2.0 * M_PI / 50) / degree;
+  const double jump = 2.0 * turn - std::sin(4.0 * M_PI / 50) / degree;
+  for (const int frames : {50, 51}) {
+    const json cycle = bench(swinging_hinge(50, frames), {"--cycle"})["cycle"];
+    EXPECT_EQ(cycle["period"], 50);
+    EXPECT_EQ(cycle["last_frame_repeats_first"], frames == 51);
+    EXPECT_EQ(cycle["closed"], true);
+    EXPECT_NEAR(cycle["seam"]["angle_deg"], turn, 1e-3);
+    EXPECT_NEAR(cycle["seam"]["position_mm"], 0.0, 1e-9);  // of joints; the tip is no joint
+    EXPECT_NEAR(cycle["seam"]["velocity_jump_deg"], jump, 1e-3);
+    EXPECT_NEAR(cycle["elsewhere"]["angle_deg"], turn, 1e-3);
+  }
+}
+
+TEST(Bench, ACycleIsRefusedWhereThereIsNone) {
+  const Folder folder;
+  const auto path = folder / "work.json";
+  limber_test::write_text(path, swinging_hinge(50, 37).dump());
+  EXPECT_EQ(limber({"bench", path.string(), "--cycle"}).exit_code, 2);
+  EXPECT_EQ(limber({"bench", path.string()}).exit_code, 0);
+  EXPECT_EQ(limber({"bench", path.string(), "--cycle", "--lanes", "2"}).exit_code, 2);
+}
+
 TEST(Bench, OptionsOutOfRangeAreUsageErrors) {
   for (const char* option : {"--stop-mm", "--stop-deg", "--sweeps"}) {
     EXPECT_EQ(limber({"bench", "work.json", option, "-1"}).exit_code, 2) << option;

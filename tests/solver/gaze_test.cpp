@@ -145,5 +145,133 @@ TEST(Gaze, BesideOrBehindTheEyeEndsWithinLimits) {
   }
 }
 
+/// The angle between where a gaze looks and where its target is.
+double angle_off(const Rig& rig, const Pose& pose, std::size_t gaze, const Vector3d& target) {
+  const RigEffector& effector = rig.effectors[gaze];
+  const DualQuaternion eye = test::world_of(rig, pose)[effector.joint];
+  const Vector3d axis = eye.rotation() * effector.axis;
+  const Vector3d sight = target - eye.transform_point(effector.offset);
+  return std::atan2(axis.cross(sight).norm(), axis.dot(sight));
+}
+
+/// biped-full with an eye in its head, the last effector.
+Rig watching_rig() {
+  Rig rig = test::shipped_rig("biped-full");
+  RigEffector gaze{.name = "gaze",
+                   .joint = rig.find_role("head"),
+                   .offset = {0.0, 0.1, 0.08},
+                   .kind = EffectorKind::gaze,
+                   .axis = Vector3d::UnitZ()};
+  std::erase_if(rig.effectors, [](const RigEffector& e) { return e.name == "head"; });
+  rig.effectors.push_back(gaze);
+  return rig;
+}
+
+TEST(Gaze, RelativeToAHandFollowsIt) {
+  Random random(5);
+  Rig rig = watching_rig();
+  const std::size_t gaze = rig.effectors.size() - 1;
+  rig.effectors[gaze].relative_to = rig.find_role("rightHand");
+  IkSolver solver = test::make_solver(rig, {.stop_orientation_rad = 1e-5});
+  int reached = 0;
+  for (int trial = 0; trial < 20; ++trial) {
+    const Pose truth = test::allowed_pose(random, rig, 0.5);
+    auto targets = test::targets_at(rig, truth);
+    const DualQuaternion hand = test::world_of(rig, truth)[rig.effectors[gaze].relative_to];
+    targets[gaze].pose = hand.conjugate() * targets[gaze].pose;
+    Pose pose = truth;
+    for (DualQuaternion& q : pose) {
+      q = DualQuaternion::from_rotation_translation(q.rotation() * random.small_rotation(0.05),
+                                                    q.translation());
+    }
+    project_into_limits(rig, pose);
+    if (!solver.solve(targets, pose).reached) continue;
+    ++reached;
+    const DualQuaternion held = test::world_of(rig, pose)[rig.effectors[gaze].relative_to];
+    const Vector3d thing = held.transform_point(targets[gaze].pose.translation());
+    EXPECT_LT(angle_off(rig, pose, gaze, thing), 1.1e-5) << trial;
+    EXPECT_LT(test::worst_excess(rig, pose), 1e-7);
+  }
+  EXPECT_GE(reached, 19);
+}
+
+TEST(Gaze, RelativeToAFixedPropIsOneInTheWorld) {
+  // Near, and against a hand that pulls elsewhere: the balance of both counts the eye's own travel.
+  Random random(6);
+  Rig rig = looking_rig();
+  rig.effectors.push_back({.name = "brow",
+                           .joint = kHead,
+                           .offset = {0.0, 0.1, 0.1},
+                           .kind = EffectorKind::position,
+                           .weight_pos = 0.3});
+  rig.joints[kHead].limits = {};
+  rig.joints[kEye].type = JointType::fixed;  // the head alone looks
+  RigJoint prop;
+  prop.name = "prop";
+  prop.offset = {0.2, 0.1, -0.3};
+  prop.rest = random.rotation();
+  rig.joints.push_back(prop);
+  Rig relative = rig;
+  relative.effectors[0].relative_to = rig.size() - 1;
+  const DualQuaternion base = DualQuaternion::from_rotation_translation(prop.rest, prop.offset);
+  const IkOptions to_the_end{
+      .stop_at_tolerance = false, .stop_cost_decrease = 1e-13, .max_relinearisations = 300};
+  IkSolver world_solver = test::make_solver(rig, to_the_end);
+  IkSolver relative_solver = test::make_solver(relative, to_the_end);
+  for (int trial = 0; trial < 20; ++trial) {
+    const Pose truth = test::allowed_pose(random, rig, 0.2);
+    auto targets = test::targets_at(rig, truth);
+    const DualQuaternion eye = test::world_of(rig, truth)[kEye];
+    targets[0] = looked_at(eye.transform_point({0.05, 0.0, random.uniform(0.05, 0.15)}));
+    Pose a = truth, b = truth;
+    world_solver.solve(targets, a);
+    std::vector<EffectorTarget> seen_from_prop = targets;
+    seen_from_prop[0].pose = base.conjugate() * targets[0].pose;
+    relative_solver.solve(seen_from_prop, b);
+    EXPECT_NEAR(angle_off(rig, a, 0, targets[0].pose.translation()),
+                angle_off(rig, b, 0, targets[0].pose.translation()), 1e-5)
+        << trial;
+    EXPECT_NEAR(effector_cost(rig, targets, a), effector_cost(rig, targets, b), 1e-10) << trial;
+  }
+}
+
+TEST(Gaze, OfHigherPriorityStaysWhileTheWeakerPull) {
+  Random random(7);
+  int missed = 0;
+  for (int trial = 0; trial < 8; ++trial) {
+    Rig rig = watching_rig();
+    rig.joints[0].type = JointType::fixed;  // so it cannot turn round
+    const std::size_t gaze = rig.effectors.size() - 1;
+    for (std::size_t e = 0; e < gaze; ++e) rig.effectors[e].priority = 1;
+    Rig alone = rig;
+    alone.effectors = {rig.effectors[gaze]};
+    const Pose truth = test::allowed_pose(random, rig, 0.5);
+    auto targets = test::targets_at(rig, truth);
+    // What is weaker pulls elsewhere; every other time what is looked at is behind.
+    for (std::size_t e = 0; e < gaze; ++e) {
+      targets[e].pose = DualQuaternion::from_translation(0.2 * random.unit()) * targets[e].pose;
+    }
+    const DualQuaternion eye = test::world_of(rig, truth)[rig.effectors[gaze].joint];
+    const Vector3d ahead = eye.transform_point({0.3, 0.2, 0.5}),
+                   behind = eye.transform_point({0.05, -0.1, -0.8});
+    const Vector3d target = trial % 2 == 0 ? ahead : behind;
+    targets[gaze] = looked_at(target);
+    const IkOptions options{
+        .stop_at_tolerance = false, .stop_cost_decrease = 1e-12, .max_relinearisations = 200};
+    Pose by_itself = truth;
+    test::make_solver(alone, options).solve(std::vector<EffectorTarget>{targets[gaze]}, by_itself);
+    const double best = angle_off(rig, by_itself, gaze, target);
+    missed += best > 0.01;
+    Pose together = by_itself;
+    test::make_solver(rig, options).solve(targets, together);
+    EXPECT_LT(angle_off(rig, together, gaze, target), best + 1e-5) << trial;
+    EXPECT_LT(test::worst_excess(rig, together), 1.8e-7);
+    EXPECT_LT(effector_cost(rig, targets, together), effector_cost(rig, targets, by_itself))
+        << trial;  // the weaker ones had what was left
+  }
+  EXPECT_GE(missed, 3);
+  EXPECT_LE(missed, 5);
+}
+
 }  // namespace
 }  // namespace limber

@@ -23,16 +23,23 @@ TEST(Rows, NoneWhereTheRigAsksForNone) {
   EXPECT_TRUE(IkRows(rig, tree, {}).make_place().rows.empty());
 }
 
-/// Every row's J against what its value does when a coordinate moves.
+/// Every row's J against what its value does when a coordinate moves. `met`: near the targets,
+/// where rotation errors change by the turn itself.
 void expect_rows_match_differences(Random& random, const Rig& rig, const IkOptions& options,
-                                   int* checked) {
+                                   int* checked, bool met = false) {
   const IkTree tree(rig, options.collision);
   IkRows rows(rig, tree, options);
   IkState state = tree.make_state(), moved = state;
   IkKinematics here = tree.make_kinematics(), there = here;
   std::vector<IkGoal> goals(rig.effectors.size());
-  tree.load(test::allowed_pose(random, rig, 0.7), state);
-  auto targets = test::targets_at(rig, test::allowed_pose(random, rig));
+  const Pose pose = test::allowed_pose(random, rig, 0.7);
+  tree.load(pose, state);
+  auto targets = test::targets_at(rig, met ? pose : test::allowed_pose(random, rig));
+  const Pose world = test::world_of(rig, pose);
+  for (std::size_t e = 0; e < targets.size() && met; ++e) {
+    const std::int32_t base = rig.effectors[e].relative_to;
+    if (base != kNoJoint) targets[e].pose = world[base].conjugate() * targets[e].pose;
+  }
   rows.set_previous(state);
   tree.evaluate(state, goals, here);
   rows.aim(targets, 1, here, goals);
@@ -68,9 +75,9 @@ void expect_rows_match_differences(Random& random, const Rig& rig, const IkOptio
       const auto b = std::find_if(behind.rows.begin(), behind.rows.end(), same);
       if (a == ahead.rows.end() || b == behind.rows.end()) continue;  // out of sight, another end
       const double difference = (a->value - b->value) / (2.0 * h);
-      // A rotation error changes by the turn itself near zero only, where held rows are.
+      // Of rotations, held rows are near zero.
       const bool turn = !row.torque.isZero();
-      if (turn && !row.hard()) continue;
+      if (turn && !row.hard() && !met) continue;
       const bool near = turn || row.terms[0].node >= 0;
       EXPECT_NEAR(row.rate(twist, step), difference, near ? 1e-3 : 2e-5) << row.id << " " << k;
       ++*checked;
@@ -99,6 +106,49 @@ TEST(Rows, JacobiansMatchDifferences) {
     expect_rows_match_differences(random, rig, {.collision = true, .dt = 0.1}, &checked);
   }
   EXPECT_GT(checked, 1000);
+}
+
+TEST(Rows, JacobiansOfEveryKindMatchDifferencesWhereTheyAreMet) {
+  Random random(9);
+  const EffectorKind kinds[] = {EffectorKind::pose,      EffectorKind::position,
+                                EffectorKind::gaze,      EffectorKind::orientation,
+                                EffectorKind::direction, EffectorKind::line};
+  int checked = 0;
+  for (int trial = 0; trial < 20; ++trial) {
+    Rig rig = test::random_rig(random, 9, 0);
+    for (int e = 0; e < 12; ++e) {
+      // Each kind relative, and each held; some are both.
+      rig.effectors.push_back({.name = "e" + std::to_string(e),
+                               .joint = 8 - e % 4,
+                               .offset = random.vector(0.2),
+                               .kind = kinds[e % 6],
+                               .axis = random.unit(),
+                               .relative_to = e < 6 ? random.integer(0, 4) : kNoJoint,
+                               .priority = e >= 6 ? 0 : random.integer(0, 1)});
+    }
+    expect_rows_match_differences(random, rig, {}, &checked, true);
+  }
+  EXPECT_GT(checked, 1000);
+}
+
+TEST(Rows, AHeldGazeThatMissesMatchesDifferences) {
+  Random random(10);
+  int checked = 0;
+  for (int trial = 0; trial < 20; ++trial) {
+    Rig rig = test::random_rig(random, 9, 0);
+    for (int e = 0; e < 4; ++e) {
+      rig.effectors.push_back({.name = "e" + std::to_string(e),
+                               .joint = 8 - e,
+                               .offset = random.vector(0.2),
+                               .kind = EffectorKind::gaze,
+                               .axis = random.unit(),
+                               .relative_to = e < 2 ? random.integer(0, 3) : kNoJoint,
+                               .priority = 0});
+    }
+    rig.effectors.push_back({.name = "weak", .joint = 8, .priority = 1});
+    expect_rows_match_differences(random, rig, {}, &checked);
+  }
+  EXPECT_GT(checked, 500);
 }
 
 /// What a target asks for, in world space.

@@ -10,10 +10,12 @@ namespace limber::test {
 /// A sum of three sines within [-1, 1].
 class Wave {
  public:
-  Wave(Random& random, double slowest_hz, double fastest_hz) {
+  /// `period` (s) > 0: all of it repeats after that time.
+  Wave(Random& random, double slowest_hz, double fastest_hz, double period = 0.0) {
     for (Sine& s : sines_) {
       s = {random.uniform(slowest_hz, fastest_hz), random.uniform(0.0, 2.0 * M_PI),
            random.uniform(0.4, 1.0)};
+      if (period > 0.0) s.hz = std::max(1.0, std::round(s.hz * period)) / period;
       size_ += s.size;
     }
   }
@@ -38,6 +40,7 @@ struct MotionOptions {
   /// Shifts every curve towards one of its bounds by this share of the range and cuts it there: 0
   /// keeps off them, 1 rides on them for half of the time.
   double press = 0.0;
+  int period = 0;  ///< frames after which all of it repeats; 0: never
 };
 
 /// A rotation of the joint for curves u within [-1, 1], its limits' own shape filled.
@@ -76,7 +79,8 @@ inline std::vector<Pose> seeded_motion(const Rig& rig, unsigned seed, int frames
   std::vector<Wave> waves;
   std::vector<double> shift;
   for (int k = 0; k < dof_count(rig); ++k) {
-    waves.emplace_back(random, options.slowest_hz, options.fastest_hz);
+    waves.emplace_back(random, options.slowest_hz, options.fastest_hz,
+                       options.period / options.frames_hz);
     shift.push_back(random.integer(0, 1) == 0 ? -options.press : options.press);
   }
   const std::vector<std::int32_t> first = dof_begin(rig);

@@ -6,6 +6,8 @@
 #include <cmath>
 #include <map>
 
+#include "pipeline/foot_reference.h"
+
 namespace limber {
 namespace {
 
@@ -13,6 +15,8 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
 constexpr double kGoodReferenceDeg = 25.0;  // a rest pose this close to a T-pose is one
+constexpr double kSplayedDeg = 5.0;         // legs of a reference stand apart from here on
+constexpr double kClearlyFlatterDeg = 3.0;  // a reading of the soles wins by at least this
 constexpr double kPoorReferenceDeg = 45.0;  // beyond it, no pose of the file stands upright
 
 double degrees_between(const Vector3d& a, const Vector3d& b) {
@@ -21,11 +25,6 @@ double degrees_between(const Vector3d& a, const Vector3d& b) {
 
 Quaterniond smallest_rotation(const Vector3d& from, const Vector3d& to) {
   return from.norm() < 1e-9 ? Quaterniond::Identity() : Quaterniond::FromTwoVectors(from, to);
-}
-
-/// Turn about +Y that brings the horizontal part of `from` onto +Z.
-Quaterniond yaw_to_front(const Vector3d& from) {
-  return Quaterniond(Eigen::AngleAxisd(-std::atan2(from.x(), from.z()), Vector3d::UnitY()));
 }
 
 struct Reference {
@@ -193,7 +192,7 @@ class Corrections {
       case Role::leftLowerLeg:
         return turned(*role, inherited, -Vector3d::UnitY());
       case Role::leftFoot:
-        return flat_foot(*role);
+        return square_feet_ ? toes_forward(*role, inherited) : flat_foot(*role);
       case Role::leftToes:
         return inherited;
       case Role::leftHand:
@@ -204,6 +203,28 @@ class Corrections {
     }
     if (is_thumb(*role)) return inherited;
     return turned(*role, inherited, out);
+  }
+
+  /// Soles may be flat in the reference, or square to legs that stand apart in it (CMU). The
+  /// reading under which they lie flatter where the clip stands is right.
+  void read_feet(const Character& character, const std::vector<DualQuaternion>& reference,
+                 const Clip& clip) {
+    double flat_deg = 0.0, square_deg = 0.0, splay_deg = 0.0;
+    for (const Side side : {Side::left, Side::right}) {
+      const Role foot = on_side(Role::leftFoot, side);
+      if (!figure_.has(foot) || !figure_.has(on_side(Role::leftLowerLeg, side))) return;
+      const Quaterniond thigh = of(on_side(Role::leftUpperLeg, side), front_);
+      const Quaterniond shin = of(on_side(Role::leftLowerLeg, side), thigh);
+      splay_deg = std::max(splay_deg, front_.angularDistance(shin) * 180.0 / M_PI);
+      const auto tilt = [&](const Quaterniond& correction) {
+        return stance_tilt_deg(character.skeleton, clip, figure_.at(foot),
+                               correction * reference[figure_.at(foot)].rotation());
+      };
+      flat_deg += 0.5 * tilt(flat_foot(foot));
+      square_deg += 0.5 * tilt(toes_forward(foot, shin));
+    }
+    sum_deg_ = 0.0, turns_ = 0;
+    square_feet_ = splay_deg > kSplayedDeg && square_deg + kClearlyFlatterDeg < flat_deg;
   }
 
   /// Corrections of feet that are known better than from the reference.
@@ -223,16 +244,22 @@ class Corrections {
   /// Feet keep their pitch (the reference stands on flat soles) and point forward.
   Quaterniond flat_foot(Role foot) const {
     if (const auto planted = planted_.find(foot); planted != planted_.end()) return planted->second;
-    Vector3d toes = front_ * bones_.along(foot);
+    return toes_forward(foot, front_);
+  }
+
+  /// The foot turned as `correction` turns it, and about +Y so that it points forward.
+  Quaterniond toes_forward(Role foot, const Quaterniond& correction) const {
+    Vector3d toes = correction * bones_.along(foot);
     toes.y() = 0.0;
-    if (toes.norm() < 1e-3 || toes.normalized().z() < 0.2) return front_;
-    return yaw_to_front(toes) * front_;
+    if (toes.norm() < 1e-3 || toes.normalized().z() < 0.2) return correction;
+    return yaw_to_front(toes) * correction;
   }
 
   const Figure& figure_;
   const Bones& bones_;
   Quaterniond front_;
   std::map<Role, Quaterniond> planted_;
+  bool square_feet_ = false;
   double sum_deg_ = 0.0;
   int turns_ = 0;
 };
@@ -356,31 +383,6 @@ std::vector<Reference> candidates(const Character& character, const Figure& figu
   return out;
 }
 
-/// In a reference taken from the motion a foot may be in the air. Its flat sole is read from the
-/// frame in which ankle and toes are lowest, turned to point forward.
-std::map<Role, Quaterniond> planted_feet(const Character& character, const Figure& figure,
-                                         const Reference& reference, const Clip& clip) {
-  std::map<Role, Quaterniond> out;
-  std::vector<DualQuaternion> model(character.skeleton.parents.size());
-  for (const Side side : {Side::left, Side::right}) {
-    const Role foot = on_side(Role::leftFoot, side), toes = on_side(Role::leftToes, side);
-    if (!figure.has(foot) || !figure.has(toes)) continue;
-    double lowest = 1e9;
-    for (std::int64_t f = 0; f < clip.frames(); ++f) {
-      model_from_local(character.skeleton, clip.frame(f), model);
-      const Vector3d ankle = model[figure.at(foot)].translation();
-      const Vector3d toe = model[figure.at(toes)].translation();
-      if (ankle.y() + toe.y() >= lowest) continue;
-      lowest = ankle.y() + toe.y();
-      Vector3d forward = toe - ankle;
-      forward.y() = 0.0;
-      out[foot] = yaw_to_front(forward) * model[figure.at(foot)].rotation() *
-                  reference.model[figure.at(foot)].rotation().conjugate();
-    }
-  }
-  return out;
-}
-
 }  // namespace
 
 double size_ratio(const Figure& source_figure, const Calibration& source,
@@ -432,16 +434,19 @@ Result<Calibration> calibrate(const Character& character, const Figure& figure,
   const Bones bones(figure, chosen->model);
   Quaterniond front = Quaterniond::Identity();
   if (figure.is_body()) front = yaw_to_front(ReferenceView(figure, chosen->model).forward());
-  // A frame of the clip is no pose that was made to stand: its pelvis is levelled as well.
+  // The hip line is level and square in the T-pose, whatever way the file's own pelvis leans or
+  // turns below its shoulders: figures whose hip lines agree face the same way.
   Quaterniond level = front;
-  if (figure.is_body() && chosen->name == "motion") {
+  if (figure.is_body()) {
     const Vector3d hip_line =
         ReferenceView(figure, chosen->model).bone(Role::rightUpperLeg, Role::leftUpperLeg);
     level = smallest_rotation(front * hip_line, Vector3d::UnitX()) * front;
   }
   Corrections corrections(figure, bones, front);
   if (figure.is_body() && clip != nullptr && chosen->name == "motion") {
-    corrections.set_planted(planted_feet(character, figure, *chosen, *clip));
+    corrections.set_planted(planted_feet(character, figure, chosen->model, *clip));
+  } else if (figure.is_body() && clip != nullptr) {
+    corrections.read_feet(character, chosen->model, *clip);
   }
   const auto roles = roles_by_joint(figure, character.skeleton.size());
   const std::size_t n = figure.order.size();

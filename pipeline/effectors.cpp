@@ -104,22 +104,24 @@ class Extraction {
     plans_.push_back({aim, joint, side});
   }
 
-  /// Weights are relative: the root and planted feet come first, then hands, then the shape of
-  /// limbs and trunk. An orientation weight of one makes a radian cost as much as 0.1 m.
+  /// Weights are relative: planted feet and the way the pelvis faces come first, then the shape of
+  /// limbs and trunk, then where the hands are: limbs of other proportions cannot have both, and a
+  /// bone that points elsewhere shows more than a hand that is a little off. An orientation weight
+  /// of one makes a radian cost as much as 0.1 m.
   void choose_effectors() {
     const Figure& to = target_.figure;
     const std::int32_t root = to.root();
     const bool moves = target_.rig.joints[row_of_[root]].type == JointType::free;
-    add(root, moves ? EffectorKind::pose : EffectorKind::orientation, Aim::root, 0.7, 2.0, true);
+    add(root, moves ? EffectorKind::pose : EffectorKind::orientation, Aim::root, 1.4, 6.0, true);
     if (to.is_body()) {
       // The pelvis is held between the hip joints, wherever the file put its root.
       track_.effectors.back().offset =
           target_.calibration.model_from_joint[root].conjugate().transform_point(
               hip_centre(target_.calibration.model_from_joint, to));
-      const double share = 0.5 / std::max<std::size_t>(1, to.spine.size());
+      const double share = 1.0 / std::max<std::size_t>(1, to.spine.size());
       for (const std::int32_t j : to.spine) {
         const bool top = j == to.spine.back();
-        add(j, EffectorKind::orientation, Aim::rotation, 0.0, top ? 2.0 : share, top);
+        add(j, EffectorKind::orientation, Aim::rotation, 0.0, top ? 4.0 : share, top);
       }
       for (const std::int32_t j : to.neck) {
         add(j, EffectorKind::orientation, Aim::rotation, 0.0, 0.3, false);
@@ -151,17 +153,17 @@ class Extraction {
       add(j, EffectorKind::orientation, Aim::rotation, 0.0, twist, false);
     };
     if (on(Role::leftShoulder) != kNoJoint) {
-      add(on(Role::leftShoulder), EffectorKind::orientation, Aim::rotation, 0.0, 0.5, false);
+      add(on(Role::leftShoulder), EffectorKind::orientation, Aim::rotation, 0.0, 1.5, false);
     }
-    bone(on(Role::leftUpperArm), 2.0, 0.1);
-    bone(on(Role::leftLowerArm), 2.0, 0.1);
+    bone(on(Role::leftUpperArm), 4.0, 0.1);
+    bone(on(Role::leftLowerArm), 4.0, 0.1);
     if (on(Role::leftHand) != kNoJoint) {
       add(on(Role::leftHand), EffectorKind::pose, Aim::hand, 0.7, 0.7, true, side);
     }
-    bone(on(Role::leftUpperLeg), 1.5, 0.1);
-    bone(on(Role::leftLowerLeg), 1.5, 0.1);
+    bone(on(Role::leftUpperLeg), 3.0, 0.1);
+    bone(on(Role::leftLowerLeg), 3.0, 0.1);
     if (on(Role::leftFoot) != kNoJoint) {
-      add(on(Role::leftFoot), EffectorKind::pose, Aim::foot, 2.0, 2.0, true, side);
+      add(on(Role::leftFoot), EffectorKind::pose, Aim::foot, 4.0, 3.0, true, side);
     }
     if (on(Role::leftToes) != kNoJoint) {
       add(on(Role::leftToes), EffectorKind::orientation, Aim::rotation, 0.0, 0.3, false);

@@ -148,6 +148,7 @@ json contacts_json(const MotionMetrics& metrics) {
   };
   return {{"source", side(metrics.source)},
           {"output", side(metrics.output)},
+          {"excess", side(less(metrics.output, metrics.source))},
           {"intervals", metrics.intervals}};
 }
 
@@ -207,6 +208,7 @@ void add_result(json& out, const ClipRecord& record) {
         {"frames", result.refine.frames.size()}};
   }
   if (!record.checks.empty()) out["certificate"] = certificate_json(record.checks);
+  if (!record.gates.empty()) out["gates"] = json::parse(to_json(record.gates));
 }
 
 }  // namespace

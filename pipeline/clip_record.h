@@ -8,6 +8,7 @@
 #include "assets/model/result.h"
 #include "importers/importer.h"
 #include "pipeline/figure.h"
+#include "pipeline/gates.h"
 #include "pipeline/retarget.h"
 #include "pipeline/target.h"
 #include "validation/motion_metrics.h"
@@ -56,6 +57,7 @@ struct ClipRecord {
   std::optional<Retargeted> result;
   std::optional<MotionMetrics> metrics;
   std::vector<FileCheck> checks;
+  std::vector<GateVerdict> gates;
 };
 
 /// The clip's report: schema `limber-report/1` (assets/data/schemas), the same text on every run.

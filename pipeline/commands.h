@@ -54,7 +54,9 @@ struct RetargetArgs {
   std::vector<std::string> sources;
   std::string target;
   JobOptions job;
-  int processes = 0;  ///< 0: one per core
+  std::string gates;            ///< a file, or a shipped one's name; "": none
+  std::filesystem::path junit;  ///< write the verdicts here
+  int processes = 0;            ///< 0: one per core
   bool json = false;
 };
 int retarget_command(const RetargetArgs&);
@@ -68,7 +70,7 @@ int sheet_command(const SheetArgs&);
 
 struct ValidateArgs {
   std::string file, source;
-  std::string rig;
+  std::string rig, gates;
   bool json = false;
 };
 int validate_command(const ValidateArgs&);

@@ -278,7 +278,26 @@ class ClipJob {
     }
   }
 
+  /// What the user asks of the figures that the report would show.
+  void pass_gates() {
+    if (!options_.gates || !record_.result) return;
+    record_.gates = judge_gates(*options_.gates, report_json(record_));
+    for (const GateVerdict& gate : record_.gates) {
+      if (gate.level == GateLevel::warn) {
+        record_.warnings.push_back({"gate-warned", describe(gate)});
+        record_.status = std::max(record_.status, Status::warn);
+      } else if (gate.level == GateLevel::fail) {
+        record_.errors.push_back(Error{.code = "gate-missed",
+                                       .message = describe(gate),
+                                       .file = source_.path,
+                                       .hint = "look at the sheet; the gates are yours to set"});
+        record_.status = Status::fail;
+      }
+    }
+  }
+
   ClipSummary finish() {
+    pass_gates();
     ClipSummary summary{.source = source_.path,
                         .clip = whole_.name,
                         .stem = stem_,

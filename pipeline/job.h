@@ -24,6 +24,7 @@ struct JobOptions {
   std::filesystem::path output;
   std::optional<std::filesystem::path> map;
   SandboxMode sandbox = SandboxMode::automatic;
+  std::optional<Gates> gates;
 };
 
 /// How the target of a job is read: the map's roles, and the reader of the whole program.

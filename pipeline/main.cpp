@@ -179,6 +179,9 @@ class Program {
     c->add_option("--reference", reference_, "source's T-pose from: rest, bind, frame:N, motion");
     c->add_option("--fingers", fingers_, "fingers that the source lacks")
         ->check(CLI::IsMember({"rest", "curl"}));
+    c->add_option("--gates", retarget_.gates,
+                  "levels that figures must keep: a file, or `default`; exit code 4 if missed");
+    c->add_option("--junit", retarget_.junit, "write the clips' verdicts here (JUnit XML)");
     c->add_option("--sandbox", sandbox_)->check(CLI::IsMember({"auto", "require", "off"}));
     c->add_option("-j,--jobs", retarget_.processes, "clips at a time; 0: one per core")
         ->check(CLI::NonNegativeNumber);
@@ -239,6 +242,8 @@ class Program {
     c->add_option("file", validate_.file)->required();
     c->add_option("--source", validate_.source, "the clip it was made from")->required();
     c->add_option("--rig", validate_.rig, "whose limits count; default: the file's own figure");
+    c->add_option("--gates", validate_.gates,
+                  "levels that figures must keep; a file, or `default`");
     c->add_flag("--json", validate_.json);
     c->callback([this] { code_ = validate_command(validate_); });
   }

@@ -16,6 +16,7 @@
 
 #include "pipeline/commands.h"
 #include "pipeline/file_io.h"
+#include "pipeline/junit.h"
 
 namespace limber {
 namespace {
@@ -213,9 +214,26 @@ json summary_json(const std::vector<ClipSummary>& clips, const fs::path& output)
   return out;
 }
 
+/// Failed clips that nothing but a gate fails count as gates missed.
+int verdict(const std::vector<ClipSummary>& clips) {
+  const auto failed = [](const ClipSummary& c) { return c.status == Status::fail; };
+  const auto broken = [&](const ClipSummary& c) { return failed(c) && c.code != "gate-missed"; };
+  if (std::any_of(clips.begin(), clips.end(), broken)) return kSomeFailed;
+  return std::any_of(clips.begin(), clips.end(), failed) ? kGateMissed : kAllPassed;
+}
+
 }  // namespace
 
-int retarget_command(const RetargetArgs& args) {
+int retarget_command(const RetargetArgs& given) {
+  RetargetArgs args = given;
+  if (!args.gates.empty()) {
+    auto gates = load_gates(args.gates);
+    if (!gates) {
+      print_error(gates.error(), args.json);
+      return kUsage;
+    }
+    args.job.gates = std::move(*gates);
+  }
   if (args.job.sandbox == SandboxMode::require && !sandbox_available()) {
     print_error({.code = "sandbox-unavailable",
                  .message = "this system has no seccomp filter",
@@ -283,8 +301,14 @@ int retarget_command(const RetargetArgs& args) {
         "{}\n",
         summary_json(clips, args.job.output).dump(2, ' ', false, json::error_handler_t::replace));
   }
+  if (!args.junit.empty()) {
+    if (auto r = write_whole(args.junit, junit_xml(clips, target["label"])); !r) {
+      print_error(r.error(), args.json);
+      return kEnvironment;
+    }
+  }
   if (g_interrupted != 0) return kInterrupted;
-  return count(clips, Status::fail) > 0 ? kSomeFailed : kAllPassed;
+  return verdict(clips);
 }
 
 }  // namespace limber

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "pipeline/commands.h"
+#include "pipeline/gates.h"
 #include "pipeline/measure.h"
 #include "validation/contact_detection.h"
 #include "validation/limit_check.h"
@@ -153,7 +154,10 @@ json check(const ValidateArgs& args) {
             {"max_violation_deg", limits.max_violation_deg},
             {"worst", worst}}},
           {"contacts",
-           {{"source", feet(m.source)}, {"output", feet(m.output)}, {"intervals", m.intervals}}},
+           {{"source", feet(m.source)},
+            {"output", feet(m.output)},
+            {"excess", feet(less(m.output, m.source))},
+            {"intervals", m.intervals}}},
           {"smoothness",
            {{"jerk_ratio", m.jerk_ratio},
             {"max_angular_velocity_ratio", m.max_angular_velocity_ratio},
@@ -163,6 +167,15 @@ json check(const ValidateArgs& args) {
 }  // namespace
 
 int validate_command(const ValidateArgs& args) {
+  std::optional<Gates> gates;
+  if (!args.gates.empty()) {
+    auto read = load_gates(args.gates);
+    if (!read) {
+      print_error(read.error(), args.json);
+      return kUsage;
+    }
+    gates = std::move(*read);
+  }
   const auto answer =
       run_isolated([&] { return check(args).dump(2, ' ', false, json::error_handler_t::replace); });
   if (!answer) {
@@ -171,7 +184,7 @@ int validate_command(const ValidateArgs& args) {
     print_error(error, args.json);
     return kSomeFailed;
   }
-  const json found = json::parse(*answer, nullptr, false);
+  json found = json::parse(*answer, nullptr, false);
   if (found.contains("error")) {
     const json& e = found["error"];
     print_error({.code = e["code"],
@@ -182,8 +195,13 @@ int validate_command(const ValidateArgs& args) {
                 args.json);
     return found.value("usage", false) ? kUsage : kSomeFailed;
   }
+  std::vector<GateVerdict> verdicts;
+  if (gates) {
+    verdicts = judge_gates(*gates, *answer);
+    found["gates"] = json::parse(to_json(verdicts));
+  }
   if (args.json) {
-    fmt::print("{}\n", *answer);
+    fmt::print("{}\n", found.dump(2, ' ', false, json::error_handler_t::replace));
   } else {
     fmt::print("{}: {}\n  {} frames at {:g} Hz, {:.3f} s (source {:.3f} s)\n", args.file,
                found["status"].get<std::string>(), found["frames"].get<std::int64_t>(),
@@ -198,8 +216,15 @@ int validate_command(const ValidateArgs& args) {
                found["contacts"]["output"]["slide_cm_s"].get<double>(),
                found["contacts"]["source"]["slide_cm_s"].get<double>(),
                found["smoothness"]["pops"].get<std::int64_t>());
+    for (const GateVerdict& verdict : verdicts) {
+      if (verdict.level == GateLevel::pass) continue;
+      fmt::print("  gate {}: {}\n", to_string(verdict.level), describe(verdict));
+    }
   }
-  return found["status"] == "pass" ? kAllPassed : kSomeFailed;
+  const bool missed = std::any_of(verdicts.begin(), verdicts.end(),
+                                  [](const GateVerdict& v) { return v.level == GateLevel::fail; });
+  if (found["status"] != "pass") return kSomeFailed;
+  return missed ? kGateMissed : kAllPassed;
 }
 
 }  // namespace limber

@@ -256,6 +256,12 @@ double largest(const std::vector<Turning>& turnings, std::vector<double> Turning
 
 }  // namespace
 
+ContactFigures less(const ContactFigures& a, const ContactFigures& b) {
+  return {.slide_cm_s = a.slide_cm_s - b.slide_cm_s,
+          .drift_cm = a.drift_cm - b.drift_cm,
+          .penetration_cm = a.penetration_cm - b.penetration_cm};
+}
+
 MotionMetrics measure_motion(const MotionSide& source, const MotionSide& output,
                              const MotionOptions& options) {
   MotionMetrics metrics;

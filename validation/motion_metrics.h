@@ -51,6 +51,9 @@ struct ContactFigures {
   double penetration_cm = 0.0;  ///< mean depth of the deepest sole point below the floor
 };
 
+/// Every figure of a less that of b.
+ContactFigures less(const ContactFigures& a, const ContactFigures& b);
+
 struct MotionMetrics {
   double rate_hz = 0.0;  ///< at which everything was measured
   std::int64_t frames = 0;

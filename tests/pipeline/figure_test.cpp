@@ -106,8 +106,8 @@ TEST(Codes, AreSortedUniqueAndComplete) {
 
 /// Literals of our sources that look like codes but are names.
 bool is_no_code(const std::string& text) {
-  for (const char* name :
-       {"in-place", "limber-bvh", "limber-gltf", "limber-rig", "pgs-paper", "reference-frame"}) {
+  for (const char* name : {"in-place", "limber-bvh", "limber-gltf", "limber-rig", "pgs-paper",
+                           "reference-frame", "system-out"}) {
     if (text == name) return true;
   }
   return false;

@@ -175,5 +175,16 @@ TEST(IkClip, OutOfReachTheLimitsHoldAndCostStaysThatOfALonePose) {
   EXPECT_LT(followed, 1.01 * lone);
 }
 
+TEST(IkClip, OutOfReachNothingJumps) {
+  // Best reaches come and go; what is shown stays about as calm as the motion that the targets were
+  // pushed away from.
+  for (const char* name : {"arm3", "hand", "biped-full", "biped-hands"}) {
+    const Followed f = follow_motion(name, 6, {}, 0.1);
+    const double truth =
+        largest_jerk(f.rig, [&](int i) { return std::span<const DualQuaternion>(f.truth[i]); });
+    EXPECT_LT(largest_jerk(f.rig, [&](int i) { return f.pose(i); }), 2.0 * truth) << name;
+  }
+}
+
 }  // namespace
 }  // namespace limber

@@ -13,8 +13,8 @@
 // M takes the damping's place in the linear problem: a frame costs one elimination or two, and no
 // other descent beside them.
 //
-// What is lost for one frame alone, or by little, is wound rather than out of reach; it is left to
-// whoever mends it (ik_clip.cpp) and may hurry.
+// Targets that jump are followed as they do. What is lost for one frame alone, or by little, is
+// wound rather than out of reach: it is left to whoever mends it (ik_clip.cpp) and may hurry.
 #include "solver/brake.h"
 
 #include <algorithm>
@@ -25,14 +25,15 @@ namespace limber {
 
 namespace {
 
-constexpr double kMostBend = 1.2e-3;  // m per frame^2
-constexpr double kHurry = 3.0;        // times as much for what is wound
-constexpr double kDrag = 0.2;         // of the speed, per frame
-constexpr double kLeastMass = 1e-3,
-                 kMostMass = 10.0;  // against effectors' of (weight weight_pos)^2
+constexpr double kMostBend = 1.2e-3;       // m per frame^2
+constexpr double kJumpingTargets = 25e-3;  // m per frame^2
+constexpr double kHurry = 3.0;             // times kMostBend, for what is wound
+constexpr double kDrag = 0.2;              // of the speed, per frame
+constexpr double kLeastMass = 1e-3;        // an effector of weight 1 has the mass 1
+constexpr double kMostMass = 10.0;
 constexpr double kGrow = 2.0, kGrowFast = 4.0, kFade = 0.7;
 constexpr double kLight = 0.5;    // of what the bend may be: the mass fades
-constexpr int kSteps = 3;         // relinearisations for one mass
+constexpr int kSteps = 10;        // relinearisations for one mass, at most
 constexpr double kLevel = 1e-3;   // a relative fall below this ends them
 constexpr double kUnfelt = 1e-6;  // inertia of what no effector feels
 
@@ -87,16 +88,18 @@ void Brake::remember(std::span<const IkGoal> goals) {
   searching_ = false;
 }
 
-/// What joints may bend by: the targets' own second difference is no jump.
-double Brake::most_bend() const {
-  double pace = 0.0;
+/// The targets' own largest second difference (m).
+double Brake::pace() const {
+  double most = 0.0;
   for (std::size_t e = 0; e < goal_last_.size() && goals_ > 1; ++e) {
     const IkGoal& goal = descent_.goals[e];
     if (goal.mass <= 0.0) continue;
-    pace = std::max(pace, (goal.position - 2.0 * goal_last_[e] + goal_before_[e]).norm());
+    most = std::max(most, (goal.position - 2.0 * goal_last_[e] + goal_before_[e]).norm());
   }
-  return kMostBend + pace;
+  return most;
 }
+
+bool Brake::on() const { return on_ && pace() < kJumpingTargets; }
 
 /// Where a state has its joints and effectors.
 void Brake::find_places(const IkState& state, std::vector<Eigen::Vector3d>& places) {
@@ -125,10 +128,12 @@ bool Brake::too_fast(const IkState& before, const IkState& last) {
     missed_ = 0;
     return false;
   }
-  if (searching_ || ++missed_ == 1) return false;
+  on_ = false;
+  const double targets = pace();
+  if (searching_ || ++missed_ == 1 || targets >= kJumpingTargets) return false;
   find_places(before, place_before_);
   find_places(last, place_last_);
-  return bend() > (descent_.at_now.cost < kWoundCost ? kHurry : 1.0) * most_bend();
+  return bend() > (descent_.at_now.cost < kWoundCost ? kHurry : 1.0) * (kMostBend + targets);
 }
 
 /// Where the last answer drifts: the anchor, and aim_ for rotations without limits.
@@ -220,7 +225,7 @@ void Brake::slow_down(const IkState& before, const IkState& last, IkReport& repo
   start_ = d.now;
   find_places(before, place_before_);
   find_places(last, place_last_);
-  const double most = most_bend();
+  const double most = kMostBend + pace();
   aim(before, last, most);
   own_damping_ = d.tree.damping;
   d.tree.damping = inertia_;

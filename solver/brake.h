@@ -22,7 +22,7 @@ class Brake {
   void remember(std::span<const IkGoal>);
 
   /// True: the frame needs no descent before slow_down().
-  bool on() const { return on_; }
+  bool on() const;
   /// Whether the answer that the descent ended in comes too fast to be shown.
   bool too_fast(const IkState& before, const IkState& last);
   /// From the start of the frame, `now`, to an answer near it. `before`, `last`: the answers to the
@@ -30,7 +30,7 @@ class Brake {
   void slow_down(const IkState& before, const IkState& last, IkReport&);
 
  private:
-  double most_bend() const;
+  double pace() const;
   double bend();
   void find_places(const IkState&, std::vector<Eigen::Vector3d>&);
   static void take_places(const IkKinematics&, std::vector<Eigen::Vector3d>&);

@@ -122,6 +122,11 @@ TEST(IkClip, MendingIsWhatReachesAWoundClip) {
     solver.solve(clip.targets_of(0), pose);
     for (int f = 1; f < kFrames; ++f) lost += !solver.follow(clip.targets_of(f), pose).reached;
     for (int f = 0; f < kFrames; ++f) EXPECT_TRUE(clip.reports[f].reached) << seed << " " << f;
+    for (int f = 0; f < kFrames; ++f) EXPECT_LT(miss(clip, f), 1.2e-4) << seed << " " << f;
+    // The ways over are smoothed: they are no rougher than a fast moment of the truth.
+    const double truth = largest_jerk(
+        clip.rig, [&](int i) { return std::span<const DualQuaternion>(clip.truth[i]); });
+    EXPECT_LT(largest_jerk(clip.rig, [&](int i) { return clip.pose(i); }), 2.0 * truth) << seed;
   }
   EXPECT_GT(lost, 0);
   EXPECT_GT(mended, 0);
@@ -185,7 +190,7 @@ TEST(IkClip, OutOfReachNothingJumps) {
     const Followed f = follow_motion(name, 6, {}, 0.0, 1.2);
     const double truth =
         largest_jerk(f.rig, [&](int i) { return std::span<const DualQuaternion>(f.truth[i]); });
-    EXPECT_LT(largest_jerk(f.rig, [&](int i) { return f.pose(i); }), 2.0 * truth) << name;
+    EXPECT_LT(largest_jerk(f.rig, [&](int i) { return f.pose(i); }), 3.0 * truth) << name;
   }
 }
 

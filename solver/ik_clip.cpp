@@ -8,9 +8,17 @@
 // No way may be there: limits can cut what the targets leave open in two, and following took the
 // wrong side of the cut when it opened, some frames ago. So the other solution is followed
 // backwards and joined where it comes near.
+//
+// Smoothing. Ways have kinks where a limit takes hold of them, and so has following where the free
+// interval of a swivel closes. Once the frames after such a kink have answers too, each frame about
+// it starts from where the cubic through its neighbours at -2h, -h, h, 2h passes it,
+//   (4 (x(-h) + x(h)) - x(-2h) - x(2h)) / 6,
+// and goes back onto its targets: the bend spreads over what the targets leave open. Wide strides h
+// first, so that it spreads far, then narrow ones.
 #include "solver/ik_clip.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -34,6 +42,11 @@ constexpr std::int64_t kLongestJump = 30;
 constexpr int kJoints = 6;                    // places to join at, the nearest first
 constexpr double kMerged = 1e-4;              // rad: two solutions are one
 constexpr std::int64_t kMostPatience = 1024;  // frames before the next try where none was found
+constexpr double kKink = 0.05;                // rad per frame^2: more than that is smoothed
+constexpr double kSharp = 3.0;                // times what it was
+constexpr std::int64_t kBefore = 6;           // to twice as many frames before
+constexpr std::int64_t kSpread = 16;          // frames about it
+constexpr std::array<std::int64_t, 6> kStrides{4, 2, 1, 4, 2, 1};
 // Frames may be solved again for a hurry's sake, some for each new frame, saved up to so many.
 constexpr double kCreditPerFrame = 0.5, kMostCredit = 400.0;
 
@@ -62,7 +75,8 @@ IkClipSolver::IkClipSolver(IkSolver& solver, const Rig& rig,
       elsewhere_(static_cast<std::size_t>((kStrewn + 1) * joints_)),
       credit_(kMostCredit),
       way_(static_cast<std::size_t>(std::min(frames_, kLongest) * joints_)),
-      back_(static_cast<std::size_t>(std::min(frames_, kFarthestBack) * joints_)) {}
+      back_(static_cast<std::size_t>(std::min(frames_, kFarthestBack) * joints_)),
+      between_(static_cast<std::size_t>(joints_)) {}
 
 std::span<DualQuaternion> IkClipSolver::row(std::vector<DualQuaternion>& poses, std::int64_t index,
                                             std::int32_t joints) {
@@ -93,6 +107,8 @@ IkReport IkClipSolver::next() {
     retry_ = f + patience_;
   }
   if (report.reached) patience_ = 1;
+  if (f > 1 && report.reached && credit_ > 0.0 && sharp(f)) mark_rough(f, f);
+  smooth_rough(f);
   return report;
 }
 
@@ -177,7 +193,7 @@ bool IkClipSolver::lead_over(std::int64_t f, std::span<const DualQuaternion> oth
                              std::int64_t count) {
   for (std::int64_t k = 1; k <= count; ++k) {
     const auto way = row(way_, k - 1, joints_);
-    const double w = smooth(double(count + 1 - k) / double(count + 1));
+    const double w = ease(double(count + 1 - k) / double(count + 1));
     for (std::int32_t i = 0; i < joints_; ++i) {
       way[i] = moved(pose(f - k)[i], pose(f)[i], other[i], w);
     }
@@ -188,6 +204,7 @@ bool IkClipSolver::lead_over(std::int64_t f, std::span<const DualQuaternion> oth
   for (std::int64_t k = 1; k <= count; ++k) {
     std::ranges::copy(row(way_, k - 1, joints_), pose(f - k).begin());
   }
+  mark_rough(f - count, f);
   return true;
 }
 
@@ -224,9 +241,94 @@ bool IkClipSolver::join_earlier(std::int64_t f, std::int64_t least) {
     if (!join(f - k, row(back_, k, joints_))) continue;
     for (std::int64_t i = 1; i <= k; ++i)
       std::ranges::copy(row(back_, i, joints_), pose(f - i).begin());
+    mark_rough(f - k, f);
     return true;
   }
   return false;
+}
+
+void IkClipSolver::mark_rough(std::int64_t first, std::int64_t last) {
+  rough_first_ = rough_ < 0 ? first : std::min(first, rough_first_);
+  rough_ = std::max(rough_, last);
+}
+
+/// The largest second difference of a joint's rotation at a frame, rad per frame^2.
+double IkClipSolver::kink(std::int64_t f) const {
+  const auto a = pose(f - 2), b = pose(f - 1), c = pose(f);
+  double most = 0.0;
+  for (std::int32_t i = 0; i < joints_; ++i) {
+    const Eigen::Vector4d middle = b[i].real.coeffs();
+    const Eigen::Vector4d from = a[i].real.coeffs(), to = c[i].real.coeffs();
+    const Eigen::Vector4d bent = (middle.dot(from) < 0.0 ? -1.0 : 1.0) * from - 2.0 * middle +
+                                 (middle.dot(to) < 0.0 ? -1.0 : 1.0) * to;
+    most = std::max(most, bent.squaredNorm());
+  }
+  return 2.0 * std::sqrt(most);
+}
+
+/// Bends much more than it did shortly before: no part of a fast motion.
+bool IkClipSolver::sharp(std::int64_t f) const {
+  const double bent = kink(f);
+  return bent > kKink &&
+         bent > kSharp * worst_kink(std::max<std::int64_t>(f - 2 * kBefore, 2), f - kBefore);
+}
+
+double IkClipSolver::worst_kink(std::int64_t first, std::int64_t last) const {
+  double most = 0.0;
+  for (std::int64_t f = first; f <= last; ++f) most = std::max(most, kink(f));
+  return most;
+}
+
+/// Brings a frame to where its neighbours, `stride` away, would have it, as far as its targets
+/// leave that open: the cubic through four of them.
+void IkClipSolver::smooth(std::int64_t f, std::int64_t h) {
+  for (std::int32_t i = 0; i < joints_; ++i) {
+    const DualQuaternion &a = pose(f - h)[i], &b = pose(f + h)[i];
+    const DualQuaternion &c = pose(f - 2 * h)[i], &d = pose(f + 2 * h)[i];
+    const DualQuaternion near = moved(a, a, b, 0.5), far = moved(c, c, d, 0.5);
+    between_[i] = moved(near, far, near, 1.0 / 3.0);
+  }
+  solver_.resume(between_, between_);
+  credit_ -= 1.0;
+  if (solver_.follow(targets(f), between_).reached) std::ranges::copy(between_, pose(f).begin());
+}
+
+/// Once what follows is calm too, smooths what was marked, one stretch after the other.
+void IkClipSolver::smooth_rough(std::int64_t f) {
+  if (rough_ < 0 || jumped_ >= 0 || (f < rough_ + kSpread && f + 1 < frames_)) return;
+  const std::int64_t end = std::min(f, rough_ + 2);
+  bool some = false;
+  for (std::int64_t i = std::max<std::int64_t>(rough_first_, 2); i <= end; ++i) {
+    if (!sharp(i)) continue;
+    const std::int64_t first = i;
+    std::int64_t last = i;
+    while (++i <= std::min(end, last + kSpread)) {
+      if (sharp(i)) last = i;
+    }
+    smooth_stretch(std::max<std::int64_t>(first - kSpread, 1), std::min(f - 2, last + kSpread), f);
+    some = true;
+  }
+  rough_ = -1;
+  if (some) solver_.resume(pose(f - 1), pose(f));
+}
+
+/// Frames up to `now` have answers; those after `last` stay.
+void IkClipSolver::smooth_stretch(std::int64_t first, std::int64_t last, std::int64_t now) {
+  if (last - first >= static_cast<std::int64_t>(way_.size()) / joints_) return;
+  const double before = worst_kink(first + 1, now);
+  for (std::int64_t i = first; i <= last; ++i) {
+    std::ranges::copy(pose(i), row(way_, i - first, joints_).begin());
+  }
+  for (const std::int64_t stride : kStrides) {
+    for (std::int64_t i = first; i <= last; ++i) {
+      if (i - 2 * stride >= 0 && i + 2 * stride <= now) smooth(i, stride);
+    }
+  }
+  const double after = worst_kink(first + 1, now);
+  if (after < before) return;
+  for (std::int64_t i = first; i <= last; ++i) {
+    std::ranges::copy(row(way_, i - first, joints_), pose(i).begin());
+  }
 }
 
 }  // namespace limber

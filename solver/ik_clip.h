@@ -14,7 +14,7 @@ namespace limber {
 /// What the targets leave open (a swivel, a spine) depends on the frames before, and may lead into
 /// a corner of the limits from where the next target cannot be reached although the rig could. Such
 /// a frame is solved anew from elsewhere, and the frames before it are led over to that solution,
-/// each still on its targets, so that nothing jumps.
+/// each still on its targets, so that nothing jumps. What bends sharply for all that is smoothed.
 class IkClipSolver {
  public:
   /// `targets`: [frame * effectors], gone round where there are more poses. `poses`: [frame *
@@ -40,6 +40,13 @@ class IkClipSolver {
   bool lead_over(std::int64_t frame, std::span<const DualQuaternion> other, std::int64_t count);
   std::int64_t follow_back(std::int64_t frame, std::int64_t least);
   bool join_earlier(std::int64_t frame, std::int64_t least);
+  void mark_rough(std::int64_t first, std::int64_t last);
+  double kink(std::int64_t frame) const;
+  bool sharp(std::int64_t frame) const;
+  double worst_kink(std::int64_t first, std::int64_t last) const;
+  void smooth_rough(std::int64_t frame);
+  void smooth_stretch(std::int64_t first, std::int64_t last, std::int64_t now);
+  void smooth(std::int64_t frame, std::int64_t stride);
   static std::span<DualQuaternion> row(std::vector<DualQuaternion>&, std::int64_t index,
                                        std::int32_t joints);
 
@@ -54,6 +61,8 @@ class IkClipSolver {
   std::vector<DualQuaternion> way_;  ///< [frame * joint] from one solution to another, backwards
   std::vector<DualQuaternion>
       back_;  ///< [frame * joint] the other solution, backwards; 0: the frame
+  std::vector<DualQuaternion> between_;        ///< [joint]
+  std::int64_t rough_first_ = 0, rough_ = -1;  ///< frames to be smoothed; -1: none
   int mended_ = 0, jumps_ = 0, calm_ = 0;
 };
 

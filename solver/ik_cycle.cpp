@@ -258,7 +258,7 @@ bool Laps::lead_over(std::int64_t place, std::int64_t count, CycleReport& report
     const std::int64_t to = first + i, from = to + period_;
     const auto way =
         std::span(answer_).subspan(static_cast<std::size_t>(to % period_) * joints_, joints_);
-    const double w = smooth(static_cast<double>(i + 1) / static_cast<double>(count + 1));
+    const double w = ease(static_cast<double>(i + 1) / static_cast<double>(count + 1));
     for (std::size_t j = 0; j < joints_; ++j) {
       way[j] = moved(pose(from)[j], pose(from)[j], pose(to)[j], w);
     }

@@ -29,6 +29,8 @@ struct IkDescent {
   void descend(IkReport&, bool following = false);
   void evaluate(const IkState&, IkKinematics&, RowPlace&);
   bool reached(const IkKinematics&) const;
+  /// What a linear problem at `now` needs; `curved`: with the errors' curvature.
+  void linearise(bool curved = false);
 
   Rig rig;
   IkOptions options;
@@ -47,7 +49,6 @@ struct IkDescent {
 
  private:
   bool done(const IkKinematics&, const RowPlace&) const;
-  void linearise(bool curved = false);
   double measure_residual(double damping);
   double predicted_fall(double damping) const;
   EliminationStats solve_linear(double damping, IkReport&);

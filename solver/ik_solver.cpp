@@ -7,11 +7,7 @@
 // leave open is pulled to an anchor, the last answer and kCalm of its speed: a free swivel coasts
 // to rest instead of oscillating about the middle of its range.
 //
-// Out of reach, a best reach may cease to be one, and the descent ends in another, far away. Such a
-// coordinate goes there in its time (one that strayed by kJump, until it is there): with D left to
-// go, in one frame by at most sqrt(2 a D), from where it can still stop, and by at most a more than
-// in the frame before; a is kMostStray over the coordinate's lever. The others are solved around
-// it.
+// Out of reach, what is shown may be slower than the answers: brake.cpp.
 //
 // pgs_paper is paper_ik.cpp.
 #include "solver/ik_solver.h"
@@ -20,6 +16,7 @@
 #include <cmath>
 #include <optional>
 
+#include "solver/brake.h"
 #include "solver/ik_descent.h"
 #include "solver/paper_ik.h"
 #include "solver/speed_limits.h"
@@ -29,10 +26,7 @@ namespace limber {
 
 namespace {
 
-constexpr int kUnwinds = 3;            // a third, two thirds, all of the way to the middle
-constexpr double kJump = 8e-3;         // m per frame^2: what is more has jumped
-constexpr double kHaste = 10.0;        // of what the targets themselves change by
-constexpr double kMostStray = 2.5e-3;  // m per frame^2 at a coordinate's farthest effector
+constexpr int kUnwinds = 3;  // a third, two thirds, all of the way to the middle
 
 }  // namespace
 
@@ -47,13 +41,13 @@ struct IkSolver::State : IkDescent {
         start(step),
         outside(skeleton_of(source).rest_parent_from_joint) {
     tree.load(outside, last);
-    measure_levers();
+    tree.evaluate(last, goals, at_now);
+    brake.emplace(*this);
     if (options.method == IkMethod::pgs_paper) paper.emplace(source, chosen);
   }
 
   void remember();
-  void measure_levers();
-  bool brake();
+  void follow_freely(IkReport&);
   void extrapolate();
   IkReport solve_paper(std::span<const EffectorTarget>, std::span<DualQuaternion>);
   void restart(int attempt);
@@ -64,69 +58,27 @@ struct IkSolver::State : IkDescent {
   IkState last, before;  ///< answers to the calls before
   int answers = 0;       ///< how many of them there are
   SpeedLimits speed;
-  Eigen::VectorXd start;                             ///< of a frame that is followed
-  Eigen::VectorXd lever, free_min, free_max;         ///< [coordinate] m/rad; ranges while braking
-  std::vector<Eigen::Vector3d> aimed, aimed_before;  ///< [effector] goals of the calls before
-  std::vector<char> braking;                         ///< [coordinate] on its way after a jump
+  Eigen::VectorXd start;  ///< of a frame that is followed
+  std::optional<Brake> brake;
   std::vector<DualQuaternion> outside;  ///< [joint] where that is no node: as last given
   std::optional<PaperIk> paper;         ///< pgs_paper: all of it
 };
 
-/// [coordinate] How far its joint is from the farthest effector outside of it, at rest. 0 where it
-/// has no range of its own.
-void IkSolver::State::measure_levers() {
-  lever = free_min = free_max = 0.0 * step;
-  aimed.assign(goals.size(), Eigen::Vector3d::Zero());
-  aimed_before = aimed;
-  braking.assign(static_cast<std::size_t>(step.size()), 0);
-  tree.evaluate(last, goals, at_now);
-  for (std::size_t e = 0; e < tree.effectors.size(); ++e) {
-    for (std::int32_t n = tree.effectors[e].node; n >= 0; n = tree.nodes[n].parent) {
-      const double reach = (at_now.error[e].point - at_now.position[n]).norm();
-      for (std::int32_t i = 0; i < tree.nodes[n].coordinates; ++i) {
-        const std::int32_t k = tree.nodes[n].coordinate + i;
-        if (std::isfinite(tree.min[k])) lever[k] = std::max(lever[k], reach);
-      }
-    }
+/// A frame of a clip without rows.
+void IkSolver::State::follow_freely(IkReport& report) {
+  if (!brake->on()) {
+    descend(report, true);
+    if (answers < 2 || !brake->too_fast(before, last)) return;
+    extrapolate();
   }
-}
-
-/// Holds the coordinates that `now` lets jump where they may be by this frame; true: there are
-/// some. `now` goes back to the frame's start.
-bool IkSolver::State::brake() {
-  // The targets' own second difference is no jump.
-  double pace = 0.0;
-  for (std::size_t e = 0; e < goals.size() && answers > 1; ++e) {
-    if (goals[e].mass <= 0.0) continue;
-    pace = std::max(pace, (goals[e].position - 2.0 * aimed[e] + aimed_before[e]).norm());
-  }
-  bool some = false;
-  free_min = tree.min;
-  free_max = tree.max;
-  for (Eigen::Index k = 0; k < lever.size(); ++k) {
-    const double stray = lever[k] * std::abs(now.x[k] - start[k]);
-    braking[k] = stray > (braking[k] ? kMostStray + pace : kJump + kHaste * pace);
-    if (!braking[k]) continue;
-    const double most = (kMostStray + pace) / lever[k], ahead = now.x[k] - last.x[k];
-    const double speed =
-        answers > 1 ? std::max((last.x[k] - before.x[k]) * (ahead < 0 ? -1 : 1), 0.0) : 0.0;
-    const double way =
-        std::min({std::abs(ahead), std::sqrt(2.0 * most * std::abs(ahead)), speed + most});
-    tree.min[k] = tree.max[k] = last.x[k] + std::copysign(way, ahead);
-    some = true;
-  }
-  if (!some) return false;
-  extrapolate();
-  elimination.reset(now.x);
-  return true;
+  brake->slow_down(before, last, report);
 }
 
 /// The answer `now` becomes the last one.
 void IkSolver::State::remember() {
   std::swap(before, last);
   last = now;
-  std::swap(aimed, aimed_before);
-  for (std::size_t e = 0; e < goals.size(); ++e) aimed[e] = goals[e].position;
+  brake->remember(goals);
   ++answers;
 }
 
@@ -274,7 +226,7 @@ IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<Dual
   }
   s.tree.load(pose, s.now);
   s.settled_damping = s.options.damping;
-  std::fill(s.braking.begin(), s.braking.end(), 0);
+  s.brake->forget();
   s.speed.narrow(s.next, s.tree, s.now);
   if (s.rows.none()) {
     s.solve_with_restarts(report);
@@ -307,12 +259,7 @@ IkReport IkSolver::follow(std::span<const EffectorTarget> targets, std::span<Dua
   }
   s.start = s.now.x;
   if (s.rows.none()) {
-    s.descend(report, true);
-    if (!s.reached(s.at_now) && s.brake()) {
-      s.descend(report, true);
-      s.tree.min = s.free_min;
-      s.tree.max = s.free_max;
-    }
+    s.follow_freely(report);
   } else {
     if (s.speed.any()) s.rows.set_previous(s.last);
     s.speed.narrow(s.last, s.tree, s.now);
@@ -334,6 +281,7 @@ void IkSolver::resume(std::span<const DualQuaternion> before,
   s.tree.load(before, s.before);
   s.tree.load(last, s.last);
   s.answers = 2;
+  s.brake->forget(before.data() == last.data());
   s.elimination.reset(s.last.x);
   s.settled_damping = s.options.damping;
   for (const std::int32_t joint : s.tree.outside) s.outside[joint] = last[joint];

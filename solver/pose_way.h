@@ -14,7 +14,7 @@ inline constexpr double kMostBend = 3e-3;        ///< rad per frame^2, of such a
 inline constexpr std::int64_t kShortestWay = 8;  ///< frames
 
 /// From 0 to 1 as u does, at rest at both ends.
-inline double smooth(double u) { return u * u * (3.0 - 2.0 * u); }
+inline double ease(double u) { return u * u * (3.0 - 2.0 * u); }
 
 /// from moved by the part w of the motion that leads from a to b.
 inline DualQuaternion moved(const DualQuaternion& from, const DualQuaternion& a,

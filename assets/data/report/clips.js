@@ -161,7 +161,8 @@ function figure(value) {
   const size = Math.abs(value);
   if (size >= 1000) return Math.round(value).toLocaleString('en-US');
   if (size >= 100 || Number.isInteger(value)) return String(Math.round(value));
-  return size >= 10 ? value.toFixed(1) : size >= 0.01 ? value.toFixed(2) : value.toPrecision(1);
+  if (size < 0.005) return value > 0 ? '<0.01' : '>-0.01';
+  return value.toFixed(size >= 10 ? 1 : 2);
 }
 
 const percent = (part, whole) => {

@@ -2,11 +2,11 @@
 // One clip in full: its sheet, plots, findings and figures.
 
 const section = (title, ...children) =>
-  make('section', {}, make('h3', { text: title }), ...children);
+  make('section', { class: `section-${title.split(' ')[0].toLowerCase()}` }, make('h3', { text: title }), ...children);
 
 function sheetOf(clip) {
   if (!clip.sheet) {
-    return make('p', { class: 'nosheet', text: 'No contact sheet: the clip was refused before it was solved.' });
+    return make('p', { class: 'nosheet', text: 'No contact sheet lies beside the report.' });
   }
   const image = make('img', { src: `${clip.base}.png`, alt: `Contact sheet of ${clip.name}`, decoding: 'async' });
   image.addEventListener('error', () => image.replaceWith(

@@ -131,35 +131,46 @@ const watcher = new IntersectionObserver((entries) => {
   if (entries.some((entry) => entry.isIntersecting)) drawMore();
 }, { rootMargin: '1200px' });
 
-function card(clip) {
-  const status = STATUSES[clip.status];
+function pictureOf(clip) {
+  if (clip.frames === 0) return null;  // refused: nothing to see
   const picture = make('div', { class: 'picture' });
-  if (clip.sheet) {
-    const image = make('img', { src: `${clip.base}.png`, alt: '', loading: 'lazy', decoding: 'async' });
-    image.addEventListener('error', () => picture.replaceChildren(make('span', { text: 'sheet missing' })));
-    picture.append(image);
-  } else {
-    picture.classList.add('none');
-    picture.append(make('span', { text: 'no result' }));
+  const missing = () => picture.replaceChildren(make('span', { text: 'no sheet here' }));
+  if (!clip.sheet) {
+    missing();
+    return picture;
   }
-  const reason = clip.findings.find((f) => f.error) || (clip.status > 0 ? clip.findings.at(-1) : null);
+  const image = make('img', { src: `${clip.base}.png`, alt: '', loading: 'lazy', decoding: 'async' });
+  image.addEventListener('error', missing);
+  picture.append(image);
+  return picture;
+}
+
+function keyFigures(clip) {
   const line = make('p', { class: 'key' });
   batch.metrics.forEach((metric, i) => {
     if (!metric.short || clip.metrics[i] === null) return;
     const bad = metric.level > 0 && clip.metrics[i] >= metric.level;
-    line.append(make('span', { class: bad ? 'bad' : '', title: metric.label, text: `${metric.short} ${figure(clip.metrics[i])} ${metric.unit}`.trim() }));
+    line.append(make('span', { class: bad ? 'bad' : '', title: metric.label,
+      text: `${metric.short} ${figure(clip.metrics[i])} ${metric.unit}`.trim() }));
   });
-  return make('li', {}, make('a', { class: `card ${status}`, href: address(clip.base), 'data-clip': clip.index,
+  return line.childNodes.length ? line : null;
+}
+
+function card(clip) {
+  const status = STATUSES[clip.status], refused = clip.frames === 0;
+  const reason = clip.findings.find((f) => f.error) || (clip.status > 0 ? clip.findings.at(-1) : null);
+  return make('li', {}, make('a', { class: `card ${status}${refused ? ' refused' : ''}`, href: address(clip.base), 'data-clip': clip.index,
     onclick: (event) => {
       if (event.metaKey || event.ctrlKey || event.shiftKey) return;
       event.preventDefault();
       openClip(clip);
     } },
-    picture,
+    pictureOf(clip),
     make('div', { class: 'text' },
       make('p', { class: 'name' }, make('span', { class: `badge ${status}`, text: status }), make('bdi', { text: clip.name })),
       reason ? make('p', { class: 'reason' }, make('bdi', { text: reason.message })) : null,
-      line.childNodes.length ? line : null)));
+      refused && reason ? make('p', { class: 'code' }, make('code', { text: reason.code })) : null,
+      keyFigures(clip))));
 }
 
 // ---- one clip
@@ -173,6 +184,7 @@ function openClip(clip) {
   $('detail-name').replaceChildren(make('bdi', { text: clip.name }));
   $('detail-body').replaceChildren(...detailOf(clip, batch));
   $('detail-body').scrollTop = 0;
+  dialog.classList.toggle('refused', clip.frames === 0);
   const at = shown.indexOf(clip);
   $('previous').disabled = at <= 0;
   $('next').disabled = at < 0 || at >= shown.length - 1;

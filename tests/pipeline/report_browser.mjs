@@ -44,7 +44,7 @@ const count = () => page.locator('#count').textContent();
 /** Waits until the page says how many clips a filter left. */
 async function leaves(wanted, why) {
   const all = reports.length, text = wanted === all ? `${all} clips` : `${wanted} of ${all} clips`;
-  await page.waitForFunction((t) => document.getElementById('count').textContent === t, text, { timeout: 5000 })
+  await page.waitForFunction((t) => document.getElementById('count').textContent === t, text, { timeout: 30000 })
     .catch(async () => assert.fail(`${why}: "${await count()}", not "${text}"`));
 }
 const reset = () => page.click('#reset');
@@ -138,7 +138,7 @@ const hostile = await page.evaluate(() => batch.clips.filter((c) => /^\d/.test(c
 assert.ok(hostile.length > 0);
 for (const base of hostile) {
   await page.evaluate((clip) => { location.hash = `clip=${encodeURIComponent(clip)}`; }, base);
-  await page.locator('#detail[open]').waitFor({ timeout: 5000 });
+  await page.locator('#detail[open]').waitFor({ timeout: 30000 });
   await page.keyboard.press('Escape');
 }
 assert.equal(await page.evaluate(() => window.owned), undefined);

@@ -131,13 +131,22 @@ json limits_json(const ClipRecord& record) {
   const FileCheck worst = worst_of(record.checks);
   json bent = json::array();
   for (const BentJoint& joint : record.result->bent) {
-    bent.push_back({{"joint", joint.joint}, {"frames", joint.frames}});
+    bent.push_back({{"joint", joint.joint},
+                    {"frames", joint.excess.frames},
+                    {"max_deg", rounded(joint.excess.max_deg)},
+                    {"frames_by_excess", joint.excess.frames_by_excess}});
+  }
+  json at_limit = json::array();
+  for (const JointAtLimit& joint : record.result->at_limit) {
+    at_limit.push_back({{"joint", joint.joint}, {"frames", joint.frames}});
   }
   return {{"joints", worst.limited_joints},
           {"violations", worst.violations},
           {"max_violation_deg", rounded(worst.max_violation_deg)},
           {"source_excess_deg", rounded(record.result->source_excess_deg)},
-          {"bent", bent}};
+          {"excess_edges_deg", kExcessEdgesDeg},
+          {"bent", bent},
+          {"at_limit", at_limit}};
 }
 
 json contacts_json(const MotionMetrics& metrics) {
@@ -169,6 +178,40 @@ json certificate_json(const std::vector<FileCheck>& checks) {
   out["joints_max_error_m"] = worst.joints_max_error_m;
   out["ok"] = worst.ok;
   out["files"] = files;
+  return out;
+}
+
+/// The largest value of each of `samples` equal stretches of a clip.
+template <class T>
+json sampled_maxima(const std::vector<T>& values, std::size_t samples) {
+  json out = json::array();
+  for (std::size_t i = 0; i < samples; ++i) {
+    const auto begin = values.begin() + std::ptrdiff_t(i * values.size() / samples);
+    const auto end = values.begin() + std::ptrdiff_t((i + 1) * values.size() / samples);
+    const auto largest = *std::max_element(begin, end);
+    if constexpr (std::is_floating_point_v<T>) {
+      out.push_back(std::round(largest * 1e2) / 1e2);
+    } else {
+      out.push_back(largest);
+    }
+  }
+  return out;
+}
+
+/// What happens when, in few enough samples to be plotted: a peak of one frame stays visible.
+json timeline_json(const Retargeted& result) {
+  constexpr std::size_t kMostSamples = 96;
+  const std::size_t samples =
+      std::min(kMostSamples, static_cast<std::size_t>(result.clip.frames()));
+  json out{{"samples", samples}};
+  const auto add = [&](const char* name, const auto& values) {
+    if (values.size() >= samples && samples > 0) out[name] = sampled_maxima(values, samples);
+  };
+  add("error_mm", result.worst_error_mm);
+  add("source_excess_deg", result.frame_excess_deg);
+  add("joints_at_limit", result.frame_joints_at_limit);
+  add("left_contact", result.track.left_contact);
+  add("right_contact", result.track.right_contact);
   return out;
 }
 
@@ -209,6 +252,7 @@ void add_result(json& out, const ClipRecord& record) {
   }
   if (!record.checks.empty()) out["certificate"] = certificate_json(record.checks);
   if (!record.gates.empty()) out["gates"] = json::parse(to_json(record.gates));
+  out["timeline"] = timeline_json(result);
 }
 
 }  // namespace

@@ -50,6 +50,18 @@ class Descriptor {
   int fd_;
 };
 
+/// False, with errno set, where not all could be written.
+bool write_all(int fd, std::string_view bytes) {
+  while (!bytes.empty()) {
+    const ssize_t n = ::write(fd, bytes.data(), bytes.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n == 0) errno = EIO;
+    if (n <= 0) return false;
+    bytes.remove_prefix(static_cast<std::size_t>(n));
+  }
+  return true;
+}
+
 }  // namespace
 
 Result<std::vector<std::byte>> read_file(const std::filesystem::path& path) {
@@ -88,25 +100,22 @@ std::string sha256_hex(std::span<const std::byte> bytes) {
   return hex;
 }
 
-Result<void> write_whole(const std::filesystem::path& path, std::span<const std::byte> bytes) {
+Result<void> write_whole(const std::filesystem::path& path,
+                         const std::function<void(const Sink&)>& produce) {
   const std::filesystem::path temporary =
       path.parent_path() / fmt::format("{}{}.tmp", kTemporaryPrefix, ::getpid());
   {
     Descriptor fd(::open(temporary.c_str(), O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666));
     if (fd.get() < 0) return cannot_write(path, errno);
-    const auto fail = [&] {
-      const int error = errno;
+    int error = 0;
+    produce([&](std::string_view piece) {
+      if (error == 0 && !write_all(fd.get(), piece)) error = errno;
+    });
+    if (error == 0 && (::fsync(fd.get()) != 0 || fd.close() != 0)) error = errno;
+    if (error != 0) {
       ::unlink(temporary.c_str());
       return cannot_write(path, error);
-    };
-    std::size_t put = 0;
-    while (put < bytes.size()) {
-      const ssize_t n = ::write(fd.get(), bytes.data() + put, bytes.size() - put);
-      if (n < 0 && errno == EINTR) continue;
-      if (n <= 0) return fail();
-      put += static_cast<std::size_t>(n);
     }
-    if (::fsync(fd.get()) != 0 || fd.close() != 0) return fail();
   }
   if (::rename(temporary.c_str(), path.c_str()) != 0) {
     const int error = errno;
@@ -117,7 +126,12 @@ Result<void> write_whole(const std::filesystem::path& path, std::span<const std:
 }
 
 Result<void> write_whole(const std::filesystem::path& path, std::string_view text) {
-  return write_whole(path, std::as_bytes(std::span(text.data(), text.size())));
+  return write_whole(path, [&](const Sink& put) { put(text); });
+}
+
+Result<void> write_whole(const std::filesystem::path& path, std::span<const std::byte> bytes) {
+  return write_whole(path,
+                     std::string_view(reinterpret_cast<const char*>(bytes.data()), bytes.size()));
 }
 
 std::string safe_name(std::string_view name) {

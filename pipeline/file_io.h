@@ -2,6 +2,7 @@
 
 #include <cstddef>
 #include <filesystem>
+#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -20,6 +21,12 @@ std::string sha256_hex(std::span<const std::byte>);
 /// Error: `output-unwritable`.
 Result<void> write_whole(const std::filesystem::path&, std::span<const std::byte>);
 Result<void> write_whole(const std::filesystem::path&, std::string_view);
+
+/// The same for contents that come piece by piece and are never in memory together. `produce` hands
+/// each piece to its argument; once a piece could not be written, the rest is dropped.
+using Sink = std::function<void(std::string_view)>;
+Result<void> write_whole(const std::filesystem::path&,
+                         const std::function<void(const Sink&)>& produce);
 
 /// A part of a file name that works anywhere: separators and control characters replaced, at most
 /// 72 bytes of whole UTF-8 characters (three parts and a suffix stay below 255), never empty.

@@ -10,6 +10,7 @@
 #include "pipeline/bench_command.h"
 #include "pipeline/commands.h"
 #include "pipeline/pose_command.h"
+#include "pipeline/report_command.h"
 #include "pipeline/version.h"
 
 namespace limber {
@@ -93,6 +94,7 @@ class Program {
     add_pose();
     add_validate();
     add_sheet();
+    add_report();
     add_bench();
     add_doctor();
   }
@@ -260,6 +262,14 @@ class Program {
     });
   }
 
+  void add_report() {
+    auto* c = app_.add_subcommand("report", "one page of all clips of a folder");
+    c->add_option("folder", report_.folder, "where reports and sheets lie")->required();
+    c->add_option("-o,--output", report_.page, "HTML file to write, best in that folder")
+        ->required();
+    c->callback([this] { code_ = report_command(report_); });
+  }
+
   void add_bench() {
     auto* c = app_.add_subcommand("bench", "time and judge the solver on a workload");
     c->add_option("workload", bench_.workload, "ikwork/1, may be gzipped")->required();
@@ -304,6 +314,7 @@ class Program {
   std::string pose_solver_ = "pgs";
   ValidateArgs validate_;
   SheetArgs sheet_;
+  ReportArgs report_;
   BenchArgs bench_;
   std::string explain_;
 };

@@ -225,12 +225,24 @@ void measure_errors(Retargeted& out) {
 void find_bent_joints(Retargeted& out) {
   Clip guess = out.rig_clip;
   guess.parent_from_joint = out.track.guess;
-  for (const JointExcess& excess : limit_excess(out.rig, guess, kBentTolerance)) {
-    out.bent.push_back({out.rig.joints[excess.joint].name, excess.frames});
-    out.source_excess_deg = std::max(out.source_excess_deg, excess.max_deg);
+  ClipExcess excess = limit_excess(out.rig, guess, kBentTolerance);
+  for (const JointExcess& joint : excess.joints) {
+    out.bent.push_back({out.rig.joints[joint.joint].name, joint});
+    out.source_excess_deg = std::max(out.source_excess_deg, joint.max_deg);
   }
-  std::stable_sort(out.bent.begin(), out.bent.end(),
-                   [](const BentJoint& a, const BentJoint& b) { return a.frames > b.frames; });
+  std::ranges::stable_sort(out.bent, std::ranges::greater(),
+                           [](const BentJoint& joint) { return joint.excess.frames; });
+  out.frame_excess_deg = std::move(excess.max_deg);
+}
+
+void find_joints_at_limit(Retargeted& out) {
+  LimitOccupancy occupancy = limit_occupancy(out.rig, out.rig_clip);
+  for (std::size_t j = 0; j < out.rig.joints.size(); ++j) {
+    if (occupancy.frames[j] == 0) continue;
+    out.at_limit.push_back({out.rig.joints[j].name, occupancy.frames[j]});
+  }
+  std::ranges::stable_sort(out.at_limit, std::ranges::greater(), &JointAtLimit::frames);
+  out.frame_joints_at_limit = std::move(occupancy.joints);
 }
 
 std::vector<std::int64_t> frames_to_refine(const Retargeted& out) {
@@ -303,7 +315,10 @@ Result<Retargeted> retarget_clip(const SourceMotion& source, const Target& targe
   }
   make_signs_continuous(out.clip);
   measure_errors(out);
-  if (options.limits) find_bent_joints(out);
+  if (options.limits) {
+    find_bent_joints(out);
+    find_joints_at_limit(out);
+  }
   if (options.refine != RefineMode::none) {
     if (auto r = measure_gap(out); !r) return r.error();
   }

@@ -39,8 +39,14 @@ struct SolverFigures {
   double residual_max = 0.0;
 };
 
-/// Joints whose source rotation lies beyond the target's limits.
+/// A joint whose source rotation lies beyond the target's limits.
 struct BentJoint {
+  std::string joint;
+  JointExcess excess;
+};
+
+/// A joint that stands on a limit.
+struct JointAtLimit {
   std::string joint;
   std::int64_t frames = 0;
 };
@@ -58,8 +64,11 @@ struct Retargeted {
   std::vector<EffectorError> errors;   ///< strong effectors
   std::vector<double> worst_error_mm;  ///< [frame], over strong effectors
   SolverFigures solver;
-  std::vector<BentJoint> bent;
-  double source_excess_deg = 0.0;
+  std::vector<BentJoint> bent;                      ///< most frames first
+  std::vector<JointAtLimit> at_limit;               ///< most frames first
+  double source_excess_deg = 0.0;                   ///< largest, of the bent joints
+  std::vector<double> frame_excess_deg;             ///< [frame] the source's, largest of any joint
+  std::vector<std::int32_t> frame_joints_at_limit;  ///< [frame] how many stand on a limit
   RefineFigures refine;
   Warnings warnings;
 };

@@ -97,15 +97,23 @@ LimitReport check_joint_limits(const Rig& rig, const Clip& clip, double toleranc
   return report;
 }
 
-std::vector<JointExcess> limit_excess(const Rig& rig, const Clip& clip, double tolerance_rad) {
-  std::vector<JointExcess> by_joint(rig.joints.size());
-  for_each_excess(rig, clip, [&](std::int32_t joint, std::int64_t, double excess) {
-    by_joint[joint].joint = joint;
-    if (!(excess <= tolerance_rad)) ++by_joint[joint].frames;
-    by_joint[joint].max_deg = std::max(by_joint[joint].max_deg, excess * kDegrees);
+ClipExcess limit_excess(const Rig& rig, const Clip& clip, double tolerance_rad) {
+  ClipExcess out;
+  out.joints.resize(rig.joints.size());
+  out.max_deg.assign(static_cast<std::size_t>(clip.frames()), 0.0);
+  for_each_excess(rig, clip, [&](std::int32_t joint, std::int64_t frame, double excess) {
+    JointExcess& of_joint = out.joints[joint];
+    const double deg = excess * kDegrees;
+    of_joint.joint = joint;
+    of_joint.max_deg = std::max(of_joint.max_deg, deg);
+    out.max_deg[frame] = std::max(out.max_deg[frame], deg);
+    if (excess <= tolerance_rad) return;
+    ++of_joint.frames;
+    ++of_joint.frames_by_excess[std::ranges::lower_bound(kExcessEdgesDeg, deg) -
+                                kExcessEdgesDeg.begin()];
   });
-  std::erase_if(by_joint, [](const JointExcess& j) { return j.frames == 0; });
-  return by_joint;
+  std::erase_if(out.joints, [](const JointExcess& j) { return j.frames == 0; });
+  return out;
 }
 
 std::vector<std::int32_t> joints_at_limit(const Rig& rig, const Clip& clip, double margin_rad) {
@@ -119,7 +127,7 @@ std::vector<std::int32_t> joints_at_limit(const Rig& rig, const Clip& clip, doub
     }
   }
   std::vector<std::int32_t> joints;
-  for (const JointExcess& j : limit_excess(narrowed, clip, 1e-9)) joints.push_back(j.joint);
+  for (const JointExcess& j : limit_excess(narrowed, clip, 1e-9).joints) joints.push_back(j.joint);
   return joints;
 }
 
@@ -166,6 +174,22 @@ std::vector<LimitContact> limit_contacts(const Rig& rig,
     check(2, "twist");
   }
   return contacts;
+}
+
+LimitOccupancy limit_occupancy(const Rig& rig, const Clip& clip, double margin_rad) {
+  LimitOccupancy out;
+  out.frames.assign(rig.joints.size(), 0);
+  for (std::int64_t frame = 0; frame < clip.frames(); ++frame) {
+    std::int32_t count = 0, last = -1;  // a joint's contacts follow one another
+    for (const LimitContact& contact : limit_contacts(rig, clip.frame(frame), margin_rad)) {
+      if (contact.joint == last) continue;
+      last = contact.joint;
+      ++out.frames[last];
+      ++count;
+    }
+    out.joints.push_back(count);
+  }
+  return out;
 }
 
 }  // namespace limber

@@ -1,6 +1,7 @@
 // The command-line contract: exit codes, outputs, isolation of bad clips, determinism.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <nlohmann/json.hpp>
 
 #include "tests/pipeline/program.h"
@@ -114,7 +115,7 @@ TEST(Contract, ReportsHaveWhatTheyPromise) {
   const json report = json::parse(text_of(folder / "body_range_of_motion@biped-full.report.json"));
   for (const char* key : {"schema", "limber_version", "status", "errors", "warnings", "source",
                           "target", "map", "output", "solver", "effectors", "limits", "contacts",
-                          "smoothness", "refine", "certificate"}) {
+                          "smoothness", "refine", "certificate", "timeline"}) {
     EXPECT_TRUE(report.contains(key)) << key;
   }
   EXPECT_EQ(report["limits"]["violations"], 0);
@@ -122,6 +123,36 @@ TEST(Contract, ReportsHaveWhatTheyPromise) {
   EXPECT_EQ(report["certificate"]["reader"], "assimp");
   EXPECT_LT(report["certificate"]["joints_max_error_m"].get<double>(), 1e-4);
   EXPECT_EQ(report["output"]["files"].size(), 3U);
+}
+
+TEST(Contract, TimeIsToldOnceByJointAndOnceByFrame) {
+  const Folder folder;
+  limber({"retarget", body(), "--target", "biped-full", "-o", folder.string(), "--refine", "none"});
+  const json report = json::parse(text_of(folder / "body_range_of_motion@biped-full.report.json"));
+  const json& timeline = report["timeline"];
+  const auto largest = [](const json& values) {
+    return std::ranges::max(values.get<std::vector<double>>());
+  };
+  double error_mm = 0.0;
+  for (const json& effector : report["effectors"]) {
+    if (!effector.contains("position_error_mm")) continue;
+    error_mm = std::max(error_mm, effector["position_error_mm"]["max"].get<double>());
+  }
+  EXPECT_NEAR(largest(timeline["error_mm"]), error_mm, 0.006);
+  const json& limits = report["limits"];
+  EXPECT_NEAR(largest(timeline["source_excess_deg"]), limits["source_excess_deg"], 0.006);
+  ASSERT_FALSE(limits["bent"].empty());
+  for (const json& joint : limits["bent"]) {
+    std::int64_t sum = 0;
+    for (const json& frames : joint["frames_by_excess"]) sum += frames.get<std::int64_t>();
+    EXPECT_EQ(sum, joint["frames"]) << joint["joint"];
+  }
+  ASSERT_FALSE(limits["at_limit"].empty());
+  EXPECT_LE(largest(timeline["joints_at_limit"]), double(limits["at_limit"].size()));
+  EXPECT_LE(limits["at_limit"][0]["frames"], report["output"]["frames"]);
+  for (const char* track : {"error_mm", "joints_at_limit", "left_contact", "right_contact"}) {
+    EXPECT_EQ(timeline[track].size(), timeline["samples"]) << track;
+  }
 }
 
 /// Verdicts of ajv on documents by the shipped report schema.

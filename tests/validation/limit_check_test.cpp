@@ -201,11 +201,49 @@ TEST(LimitCheck, APlantedDegreeIsFoundAtItsJointAndFrame) {
     EXPECT_EQ(report.worst[0].frame, 77);
     EXPECT_NEAR(report.worst[0].excess_rad, kRad, 1e-9);
     EXPECT_NEAR(report.max_violation_deg, 1.0, 1e-6);
-    const std::vector<JointExcess> by_joint = limit_excess(planted.rig, planted.clip, 0.9 * kRad);
-    ASSERT_EQ(by_joint.size(), 1u);
-    EXPECT_EQ(by_joint[0].joint, joint);
-    EXPECT_EQ(by_joint[0].frames, 1);
+    const ClipExcess excess = limit_excess(planted.rig, planted.clip, 0.9 * kRad);
+    ASSERT_EQ(excess.joints.size(), 1u);
+    EXPECT_EQ(excess.joints[0].joint, joint);
+    EXPECT_EQ(excess.joints[0].frames, 1);
+    EXPECT_NEAR(excess.max_deg[77], 1.0, 1e-6);
+    EXPECT_LT(excess.max_deg[76], 1e-6);
   }
+}
+
+TEST(LimitCheck, FramesBeyondALimitAreCountedByHowFar) {
+  Fixture planted = moving_arm();
+  const double beyond_deg[] = {0.5, 1.5, 3.0, 4.9, 7.0, 15.0, 30.0, 46.0, 60.0};
+  for (int i = 0; i < 9; ++i) {
+    planted.clip.frame(10 + i)[0] = DualQuaternion::from_rotation(
+        hinge_local(planted.rig.joints[0], 1.5 + beyond_deg[i] * kRad));
+  }
+  const ClipExcess excess = limit_excess(planted.rig, planted.clip, kRad);
+  ASSERT_EQ(excess.joints.size(), 1u);
+  EXPECT_EQ(excess.joints[0].frames, 8) << "half a degree is within the tolerance";
+  EXPECT_EQ(excess.joints[0].frames_by_excess, (std::array<std::int64_t, 6>{1, 2, 1, 1, 1, 2}));
+  EXPECT_NEAR(excess.joints[0].max_deg, 60.0, 1e-6);
+  for (int i = 0; i < 9; ++i) EXPECT_NEAR(excess.max_deg[10 + i], beyond_deg[i], 1e-6);
+}
+
+TEST(LimitCheck, TimeOnALimitIsCountedByJointAndByFrame) {
+  Fixture f = moving_arm();
+  const auto pose = [&](std::int64_t frame, double hinge, double ball_twist) {
+    const auto& joints = f.rig.joints;
+    f.clip.frame(frame)[0] = DualQuaternion::from_rotation(hinge_local(joints[0], hinge));
+    f.clip.frame(frame)[1] = DualQuaternion::from_rotation(universal_local(joints[1], 0.0, 0.0));
+    f.clip.frame(frame)[2] =
+        DualQuaternion::from_rotation(ball_local(joints[2], 0.0, 0.8, ball_twist));
+  };
+  for (std::int64_t frame = 0; frame < f.clip.frames(); ++frame) pose(frame, 0.5, 0.1);
+  // All the while on the ball's swing border (0.8), and on its twist's as well in frame 3: one
+  // joint, counted once.
+  pose(3, 1.5, 0.4);
+  pose(4, 1.5, 0.1);
+  const LimitOccupancy occupancy = limit_occupancy(f.rig, f.clip);
+  EXPECT_EQ(occupancy.frames, (std::vector<std::int64_t>{2, 0, f.clip.frames()}));
+  EXPECT_EQ(occupancy.joints[2], 1);
+  EXPECT_EQ(occupancy.joints[3], 2);
+  EXPECT_EQ(occupancy.joints[4], 2);
 }
 
 TEST(LimitCheck, NaNIsAViolation) {

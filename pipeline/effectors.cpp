@@ -148,7 +148,7 @@ class Extraction {
     // Nothing else holds a joint that follows its namesake: it would drift with its children's
     // wishes.
     for (const std::int32_t j : to.order) {
-      if (transfer_.carried(j) == kNoJoint) continue;
+      if (transfer_.carried(j) == kNoJoint || hangs_on_finger(j)) continue;
       add(j, EffectorKind::orientation, Aim::guessed, 0.0, 1.0, false);
     }
   }
@@ -179,6 +179,15 @@ class Extraction {
     if (on(Role::leftToes) != kNoJoint) {
       add(on(Role::leftToes), EffectorKind::orientation, Aim::rotation, 0.0, 0.3, false);
     }
+  }
+
+  bool hangs_on_finger(std::int32_t joint) const {
+    for (std::int32_t j = joint; j != kNoJoint; j = target_.figure.parents[j]) {
+      for (int r = kFirstLeft; r < kRoleCount; ++r) {
+        if (is_finger(role_at(r)) && target_.figure.at(role_at(r)) == j) return true;
+      }
+    }
+    return false;
   }
 
   /// A hand alone. A body's fingers have no effectors: they keep the shape that the guess gives

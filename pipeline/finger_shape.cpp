@@ -21,9 +21,9 @@ constexpr double kTouching = 0.1;
 constexpr double kApart = 0.25;
 constexpr double kHeldS = 0.1;  // what is shorter is no touch but fingers on their way
 
-// A radian of a finger joint costs as much as 20 mm of a fingertip: shape yields to a touch, but no
+// A radian of a finger joint costs as much as 10 mm of a fingertip: shape yields to a touch, but no
 // finger folds up for one that its length does not allow.
-constexpr double kShapeWeight = 0.2;
+constexpr double kShapeWeight = 0.1;
 constexpr double kTouches = 1e-6;  // m; nothing to do below
 
 /// 1 for tips that touch, 0 for tips apart, smooth between.

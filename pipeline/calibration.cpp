@@ -201,7 +201,7 @@ class Corrections {
       default:
         break;
     }
-    if (is_thumb(*role)) return inherited;
+    if (is_thumb(*role)) return thumb(*role, inherited, out);
     return turned(*role, inherited, out);
   }
 
@@ -239,6 +239,15 @@ class Corrections {
     sum_deg_ += degrees_between(now, direction);
     ++turns_;
     return smallest_rotation(now, direction) * inherited;
+  }
+
+  /// Thumbs rest in as many ways as there are files, so theirs is an axis of their own: straight,
+  /// in the plane of the palm, between the fingers and forward. Seen from a palm that is known, the
+  /// same turn then points every thumb the same way. It is no measure of the reference.
+  Quaterniond thumb(Role role, const Quaterniond& inherited, const Vector3d& out) const {
+    const Vector3d now = inherited * bones_.along(role);
+    if (now.norm() < 1e-6 || !figure_.has_fingers(side_of(role))) return inherited;
+    return smallest_rotation(now, (out + Vector3d::UnitZ()).normalized()) * inherited;
   }
 
   /// Feet keep their pitch (the reference stands on flat soles) and point forward.

@@ -6,6 +6,7 @@
 #include <limits>
 #include <optional>
 
+#include "pipeline/finger_shape.h"
 #include "pipeline/foot_contacts.h"
 #include "pipeline/rotation_transfer.h"
 #include "validation/contact_detection.h"
@@ -55,7 +56,7 @@ class Extraction {
     }
   }
 
-  EffectorTrack run() {
+  Result<EffectorTrack> run() {
     choose_effectors();
     track_.frames = source_.clip->frames();
     measure_source();
@@ -69,13 +70,19 @@ class Extraction {
       model_from_local(source_.character->skeleton, source_.clip->frame(f), model);
       transfer_.frame(model, since);
       make_guess(f, model, since);
+    }
+    track_.unbent = track_.guess;
+    if (auto r = shape_fingers(source_, target_, track_); !r) return r.error();
+    for (std::int64_t f = 0; f < track_.frames; ++f) {
+      model_from_local(source_.character->skeleton, source_.clip->frame(f), model);
+      transfer_.frame(model, since);
       make_targets(f, model, since);
     }
     return std::move(track_);
   }
 
  private:
-  enum class Aim : std::uint8_t { root, rotation, hand, foot, carried };
+  enum class Aim : std::uint8_t { root, rotation, hand, foot, guessed };
   struct Plan {
     Aim aim;
     std::int32_t joint;
@@ -112,7 +119,8 @@ class Extraction {
     const Figure& to = target_.figure;
     const std::int32_t root = to.root();
     const bool moves = target_.rig.joints[row_of_[root]].type == JointType::free;
-    add(root, moves ? EffectorKind::pose : EffectorKind::orientation, Aim::root, 1.4, 6.0, true);
+    add(root, moves ? EffectorKind::pose : EffectorKind::orientation,
+        moves ? Aim::root : Aim::guessed, 1.4, 6.0, true);
     if (to.is_body()) {
       // The pelvis is held between the hip joints, wherever the file put its root.
       track_.effectors.back().offset =
@@ -131,14 +139,17 @@ class Extraction {
       }
     }
     for (const Side side : {Side::left, Side::right}) {
-      if (to.is_body()) choose_limbs(side);
-      choose_fingers(side);
+      if (to.is_body()) {
+        choose_limbs(side);
+      } else {
+        choose_fingers(side);
+      }
     }
     // Nothing else holds a joint that follows its namesake: it would drift with its children's
     // wishes.
     for (const std::int32_t j : to.order) {
-      if (transfer_.carried(j) == kNoJoint) continue;
-      add(j, EffectorKind::orientation, Aim::carried, 0.0, 1.0, false);
+      if (transfer_.carried(j) == kNoJoint || hangs_on_finger(j)) continue;
+      add(j, EffectorKind::orientation, Aim::guessed, 0.0, 1.0, false);
     }
   }
 
@@ -170,11 +181,22 @@ class Extraction {
     }
   }
 
+  bool hangs_on_finger(std::int32_t joint) const {
+    for (std::int32_t j = joint; j != kNoJoint; j = target_.figure.parents[j]) {
+      for (int r = kFirstLeft; r < kRoleCount; ++r) {
+        if (is_finger(role_at(r)) && target_.figure.at(role_at(r)) == j) return true;
+      }
+    }
+    return false;
+  }
+
+  /// A hand alone. A body's fingers have no effectors: they keep the shape that the guess gives
+  /// them in the palm, wherever the arm brings it, and never pull at the arm.
   void choose_fingers(Side side) {
     for (int k = index_of(Role::leftThumbMetacarpal); k <= index_of(Role::leftLittleDistal); ++k) {
       const std::int32_t j = target_.figure.at(on_side(role_at(k), side));
       if (j == kNoJoint || target_.rig.joints[row_of_[j]].type == JointType::fixed) continue;
-      add(j, EffectorKind::orientation, Aim::rotation, 0.0, 0.3, false);
+      add(j, EffectorKind::orientation, Aim::guessed, 0.0, 0.3, false);
     }
   }
 
@@ -364,7 +386,7 @@ class Extraction {
       EffectorTarget& target = track_.targets[std::size_t(f) * plans_.size() + e];
       const DualQuaternion& guessed = world[row_of_[plan.joint]];
       const Quaterniond rotation =
-          plan.aim == Aim::carried
+          plan.aim == Aim::guessed
               ? guessed.rotation()
               : since[plan.joint] * target_.calibration.model_from_joint[plan.joint].rotation();
       Vector3d p = guessed.transform_point(track_.effectors[e].offset);

@@ -34,11 +34,13 @@ struct EffectorTrack {
   std::vector<RigEffector> effectors;  ///< on the target rig's rows
   std::int64_t frames = 0;
   std::vector<EffectorTarget> targets;  ///< [frame * effectors + effector]
-  /// First guess: the source's calibrated rotations on the target's bones, not yet within limits.
-  std::vector<DualQuaternion> guess;  ///< [frame * rows + row], row local
-  double scale = 1.0;                 ///< target size / source size (leg, or hand length)
-  double ground_offset = 0.0;         ///< y of the source's floor (m)
-  double floor_y = 0.0;               ///< y of the output's floor; 0 but for a figure's own clip
+  /// First guess: the source's calibrated rotations on the target's bones, fingers within their
+  /// limits, the rest not yet.
+  std::vector<DualQuaternion> guess;   ///< [frame * rows + row], row local
+  std::vector<DualQuaternion> unbent;  ///< the same before fingers were bent into their limits
+  double scale = 1.0;                  ///< target size / source size (leg, or hand length)
+  double ground_offset = 0.0;          ///< y of the source's floor (m)
+  double floor_y = 0.0;                ///< y of the output's floor; 0 but for a figure's own clip
   std::vector<std::uint8_t> left_contact, right_contact;  ///< [frame]
 
   std::span<const EffectorTarget> at(std::int64_t frame) const {

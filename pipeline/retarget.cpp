@@ -65,7 +65,16 @@ struct Pass {
 class ClipSolver {
  public:
   ClipSolver(const RetargetOptions& options, Retargeted& out)
-      : options_(options), out_(out), rows_(out.rig.joints.size()), frames_(out.track.frames) {}
+      : options_(options),
+        out_(out),
+        rows_(out.rig.joints.size()),
+        frames_(out.track.frames),
+        held_(rows_, 0) {
+    for (const RigEffector& effector : out.rig.effectors) {
+      for (std::int32_t i = effector.joint; i != kNoJoint; i = out.rig.joints[i].parent)
+        held_[i] = 1;
+    }
+  }
 
   Result<void> run() {
     IkOptions ik;
@@ -119,7 +128,7 @@ class ClipSolver {
   Result<void> solve(std::int64_t f, std::span<const DualQuaternion> start, Pass& pass) {
     const std::span<DualQuaternion> result = pose(pass, f);
     std::ranges::copy(start, result.begin());
-    follow_carried(f, result);
+    follow_guess(f, result);
     project_into_limits(out_.rig, result);
     if (options_.solver == SolverChoice::ceres) {
       auto r = refine_with_ceres(out_.rig, out_.track.at(f), result, {.max_iterations = 50});
@@ -136,13 +145,13 @@ class ClipSolver {
     return {};
   }
 
-  /// Joints that follow a namesake start from this frame's rotation whatever the start was.
-  void follow_carried(std::int64_t f, std::span<DualQuaternion> result) const {
+  /// Joints that follow a namesake start from this frame's rotation whatever the start was, and so
+  /// do those that no effector holds: fingers.
+  void follow_guess(std::int64_t f, std::span<DualQuaternion> result) const {
     for (std::size_t i = 0; i < rows_; ++i) {
       const RigJoint& row = out_.rig.joints[i];
-      if (row.type == JointType::ball && !row.limited() && row.role.empty()) {
-        result[i] = guess(f)[i];
-      }
+      const bool carried = row.type == JointType::ball && !row.limited() && row.role.empty();
+      if (carried || held_[i] == 0) result[i] = guess(f)[i];
     }
   }
 
@@ -185,6 +194,7 @@ class ClipSolver {
   Retargeted& out_;
   std::size_t rows_;
   std::int64_t frames_;
+  std::vector<std::uint8_t> held_;  // [row] has an effector on itself or further out
   IkSolver* solver_ = nullptr;
 };
 
@@ -224,7 +234,7 @@ void measure_errors(Retargeted& out) {
 
 void find_bent_joints(Retargeted& out) {
   Clip guess = out.rig_clip;
-  guess.parent_from_joint = out.track.guess;
+  guess.parent_from_joint = out.track.unbent;
   ClipExcess excess = limit_excess(out.rig, guess, kBentTolerance);
   for (const JointExcess& joint : excess.joints) {
     out.bent.push_back({out.rig.joints[joint.joint].name, joint});
@@ -283,6 +293,7 @@ void cut(Retargeted& out, std::int64_t first, std::int64_t last) {
   };
   keep(track.targets);
   keep(track.guess);
+  keep(track.unbent);
   keep(track.left_contact);
   keep(track.right_contact);
   keep(out.rig_clip.parent_from_joint);

@@ -40,8 +40,20 @@ void finish(Target& target) {
   }
 }
 
-/// Figure and calibration of a rig: q = 0 is its T-pose by definition, so only lengths are
-/// measured.
+/// The thumbs of `t_pose`, seen from their palms, in place of the rig's own.
+void take_thumbs(const Target& target, std::span<const DualQuaternion> t_pose,
+                 std::vector<DualQuaternion>& rest) {
+  for (int r = kFirstLeft; r < kRoleCount; ++r) {
+    const Role hand = on_side(Role::leftHand, side_of(role_at(r)));
+    if (!is_thumb(role_at(r)) || !target.figure.has(role_at(r)) || !target.figure.has(hand))
+      continue;
+    const std::int32_t j = target.figure.at(role_at(r)), palm = target.figure.at(hand);
+    rest[j] = rest[palm] * t_pose[palm].conjugate() * t_pose[j];
+  }
+}
+
+/// Figure and calibration of a rig: q = 0 is its T-pose by definition, but for thumbs, which point
+/// as the rig's maker liked; else only lengths are measured.
 Result<Target> target_from_rig(Rig rig, const std::string& label, const TargetOptions& options) {
   Target target;
   target.label = label;
@@ -54,13 +66,15 @@ Result<Target> target_from_rig(Rig rig, const std::string& label, const TargetOp
   if (!calibration) return calibration.error();
   target.calibration = std::move(*calibration);
   const std::int32_t root = target.figure.root();
-  const Quaterniond canonical = target.calibration.model_from_joint[root].rotation();
+  const std::vector<DualQuaternion> t_pose = target.calibration.model_from_joint;
+  const Quaterniond canonical = t_pose[root].rotation();
   model_from_local(target.character.skeleton, target.character.skeleton.rest_parent_from_joint,
                    target.calibration.model_from_joint);
   if (target.figure.is_hand()) {
     target.world_from_t_pose =
         target.calibration.model_from_joint[root].rotation() * canonical.conjugate();
   }
+  take_thumbs(target, t_pose, target.calibration.model_from_joint);
   target.facts.format = "ikrig";
   target.facts.reader = "limber-rig";
   target.facts.joints = rig.size();

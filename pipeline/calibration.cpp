@@ -1,12 +1,11 @@
 #include "pipeline/calibration.h"
 
-#include <fmt/format.h>
-
 #include <algorithm>
 #include <cmath>
 #include <map>
 
 #include "pipeline/foot_reference.h"
+#include "pipeline/reference_pose.h"
 
 namespace limber {
 namespace {
@@ -14,81 +13,11 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kGoodReferenceDeg = 25.0;  // a rest pose this close to a T-pose is one
 constexpr double kSplayedDeg = 5.0;         // legs of a reference stand apart from here on
 constexpr double kClearlyFlatterDeg = 3.0;  // a reading of the soles wins by at least this
-constexpr double kPoorReferenceDeg = 45.0;  // beyond it, no pose of the file stands upright
-
-double degrees_between(const Vector3d& a, const Vector3d& b) {
-  return std::atan2(a.cross(b).norm(), a.dot(b)) * 180.0 / M_PI;
-}
 
 Quaterniond smallest_rotation(const Vector3d& from, const Vector3d& to) {
   return from.norm() < 1e-9 ? Quaterniond::Identity() : Quaterniond::FromTwoVectors(from, to);
-}
-
-struct Reference {
-  std::string name;
-  std::vector<DualQuaternion> model;
-  double cost = 0.0;
-};
-
-/// The reference pose seen along the figure's own hierarchy.
-class ReferenceView {
- public:
-  ReferenceView(const Figure& figure, const std::vector<DualQuaternion>& model)
-      : figure_(figure), model_(model) {}
-
-  bool has(Role role) const { return figure_.has(role); }
-  Vector3d p(Role role) const { return model_[figure_.at(role)].translation(); }
-  Vector3d bone(Role from, Role to) const { return p(to) - p(from); }
-
-  /// The figure's left, horizontal: from hips and shoulders.
-  Vector3d left() const {
-    Vector3d v = bone(Role::rightUpperLeg, Role::leftUpperLeg).normalized();
-    if (has(Role::leftUpperArm) && has(Role::rightUpperArm)) {
-      v += bone(Role::rightUpperArm, Role::leftUpperArm).normalized();
-    }
-    v.y() = 0.0;
-    return v.norm() < 1e-9 ? Vector3d::UnitX() : Vector3d(v.normalized());
-  }
-  Vector3d forward() const { return left().cross(Vector3d::UnitY()); }
-
- private:
-  const Figure& figure_;
-  const std::vector<DualQuaternion>& model_;
-};
-
-/// How far a pose is from standing upright with straight legs (degrees, weighted mean). Arms may
-/// hang or be raised.
-double upright_cost(const Figure& figure, const std::vector<DualQuaternion>& model) {
-  const ReferenceView view(figure, model);
-  double sum = 0.0, weight = 0.0;
-  const auto add = [&](double w, double angle) { sum += w * angle, weight += w; };
-  const Vector3d hips = 0.5 * (view.p(Role::leftUpperLeg) + view.p(Role::rightUpperLeg));
-  const Vector3d up = Vector3d::UnitY(), left = view.left();
-  if (view.has(Role::leftUpperArm) && view.has(Role::rightUpperArm)) {
-    const Vector3d shoulders = 0.5 * (view.p(Role::leftUpperArm) + view.p(Role::rightUpperArm));
-    add(3.0, degrees_between(shoulders - hips, up));
-  }
-  if (view.has(Role::head)) add(2.0, degrees_between(view.p(Role::head) - hips, up));
-  for (const Side side : {Side::left, Side::right}) {
-    const auto on = [&](Role role) { return on_side(role, side); };
-    const Vector3d out = side == Side::left ? left : Vector3d(-left);
-    const Role thigh = on(Role::leftUpperLeg), shin = on(Role::leftLowerLeg),
-               foot = on(Role::leftFoot);
-    if (view.has(shin)) add(1.5, degrees_between(view.bone(thigh, shin), -up));
-    if (view.has(shin) && view.has(foot)) add(1.5, degrees_between(view.bone(shin, foot), -up));
-    const Role arm = on(Role::leftUpperArm), fore = on(Role::leftLowerArm),
-               hand = on(Role::leftHand);
-    if (!view.has(arm) || !view.has(fore) || !view.has(hand)) continue;
-    const Vector3d upper = view.bone(arm, fore), lower = view.bone(fore, hand);
-    add(0.3, degrees_between(upper, out));
-    add(1.0, degrees_between(upper, lower));
-    const Vector3d front = left.cross(up);
-    add(1.0, std::abs(90.0 - degrees_between(upper, front)));
-  }
-  return weight > 0.0 ? sum / weight : 180.0;
 }
 
 /// Where the bone of a joint with a role ends: the next role's joint, else any child, else a guess.
@@ -174,20 +103,21 @@ std::optional<Quaterniond> palm_correction(const Figure& figure, const Bones& bo
 /// World rotation from the reference to the T-pose, per joint.
 class Corrections {
  public:
-  Corrections(const Figure& figure, const Bones& bones, const Quaterniond& front)
-      : figure_(figure), bones_(bones), front_(front) {}
+  Corrections(const Figure& figure, const Bones& bones, const Quaterniond& front,
+              const Quaterniond& upright)
+      : figure_(figure), bones_(bones), front_(front), upright_(upright) {}
 
   Quaterniond of(std::optional<Role> role, const Quaterniond& inherited) {
     if (!role) return inherited;
     if (side_of(*role) == Side::middle || *role == Role::leftEye || *role == Role::rightEye) {
-      return front_;
+      return upright_;
     }
     const Side side = side_of(*role);
     const Role left = side == Side::right ? mirrored(*role) : *role;
     const Vector3d out = side == Side::left ? Vector3d::UnitX() : Vector3d(-Vector3d::UnitX());
     switch (left) {
       case Role::leftShoulder:
-        return front_;
+        return inherited;
       case Role::leftUpperLeg:
       case Role::leftLowerLeg:
         return turned(*role, inherited, -Vector3d::UnitY());
@@ -266,7 +196,7 @@ class Corrections {
 
   const Figure& figure_;
   const Bones& bones_;
-  Quaterniond front_;
+  Quaterniond front_, upright_;  // of the whole figure, and of its trunk
   std::map<Role, Quaterniond> planted_;
   bool square_feet_ = false;
   double sum_deg_ = 0.0;
@@ -333,65 +263,6 @@ void measure(const Character& character, const Figure& figure, Calibration& cali
   calibration.height = top - calibration.sole;
 }
 
-/// World positions with the reference's rotations and the rest pose's bone vectors.
-std::vector<DualQuaternion> with_rest_bones(const Character& character,
-                                            const std::vector<DualQuaternion>& rotations) {
-  const Skeleton& skeleton = character.skeleton;
-  std::vector<DualQuaternion> model(rotations.size());
-  for (std::int32_t j = 0; j < skeleton.size(); ++j) {
-    const std::int32_t parent = skeleton.parents[j];
-    const Vector3d t = skeleton.rest_parent_from_joint[j].translation();
-    const Vector3d p = parent == kNoJoint ? t : model[parent].transform_point(t);
-    model[j] = DualQuaternion::from_rotation_translation(rotations[j].rotation(), p);
-  }
-  return model;
-}
-
-std::vector<Reference> candidates(const Character& character, const Figure& figure,
-                                  const ReferenceChoice& choice,
-                                  std::span<const DualQuaternion> reference_pose,
-                                  const Clip* clip) {
-  const Skeleton& skeleton = character.skeleton;
-  std::vector<Reference> out;
-  const auto add = [&](std::string name, std::vector<DualQuaternion> model) {
-    const double cost = figure.is_body() ? upright_cost(figure, model) : 0.0;
-    out.push_back({std::move(name), std::move(model), cost});
-  };
-  const auto add_local = [&](std::string name, std::span<const DualQuaternion> local) {
-    std::vector<DualQuaternion> model(local.size());
-    model_from_local(skeleton, local, model);
-    add(std::move(name), std::move(model));
-  };
-  using Kind = ReferenceChoice::Kind;
-  const bool any = choice.kind == Kind::automatic;
-  if (any || choice.kind == Kind::rest) add_local("rest", skeleton.rest_parent_from_joint);
-  if ((any || choice.kind == Kind::bind) && !character.bind_model_from_joint.empty()) {
-    add("bind", with_rest_bones(character, character.bind_model_from_joint));
-  }
-  if (any && !reference_pose.empty()) add_local("reference-frame", reference_pose);
-  if (clip != nullptr && choice.kind == Kind::frame && choice.frame_index < clip->frames()) {
-    add_local(fmt::format("frame:{}", choice.frame_index), clip->frame(choice.frame_index));
-  }
-  const bool need_motion =
-      choice.kind == Kind::motion ||
-      (any && figure.is_body() && std::none_of(out.begin(), out.end(), [](const Reference& r) {
-         return r.cost < kGoodReferenceDeg;
-       }));
-  if (clip != nullptr && need_motion) {
-    const std::int64_t step = std::max<std::int64_t>(1, clip->frames() / 400);
-    std::int64_t best = 0;
-    double best_cost = 1e9;
-    std::vector<DualQuaternion> model(skeleton.parents.size());
-    for (std::int64_t f = 0; f < clip->frames(); f += step) {
-      model_from_local(skeleton, clip->frame(f), model);
-      const double cost = figure.is_body() ? upright_cost(figure, model) : 0.0;
-      if (cost < best_cost) best_cost = cost, best = f;
-    }
-    add_local("motion", clip->frame(best));
-  }
-  return out;
-}
-
 }  // namespace
 
 double size_ratio(const Figure& source_figure, const Calibration& source,
@@ -417,41 +288,29 @@ double size_ratio(const Figure& source_figure, const Calibration& source,
 Result<Calibration> calibrate(const Character& character, const Figure& figure,
                               const ReferenceChoice& choice,
                               std::span<const DualQuaternion> reference_pose, const Clip* clip) {
-  std::vector<Reference> references = candidates(character, figure, choice, reference_pose, clip);
-  if (references.empty()) {
-    return Error{.code = "calibration-failed",
-                 .message = "the file has no such reference pose",
-                 .hint = "choose --reference rest, frame:N or motion"};
-  }
-  // The first good one wins; among poor ones the least bad.
-  auto chosen = std::find_if(references.begin(), references.end(),
-                             [](const Reference& r) { return r.cost < kGoodReferenceDeg; });
-  if (chosen == references.end()) {
-    chosen =
-        std::min_element(references.begin(), references.end(),
-                         [](const Reference& a, const Reference& b) { return a.cost < b.cost; });
-  }
-  if (chosen->cost > kPoorReferenceDeg) {
-    return Error{
-        .code = "calibration-failed",
-        .message = fmt::format("no pose of the file stands upright (best: {}, {:.0f} degrees "
-                               "off on average)",
-                               chosen->name, chosen->cost),
-        .hint = "name a frame that stands upright with --reference frame:N"};
-  }
+  auto chosen = choose_reference(character, figure, choice, reference_pose, clip);
+  if (!chosen) return chosen.error();
 
   const Bones bones(figure, chosen->model);
   Quaterniond front = Quaterniond::Identity();
   if (figure.is_body()) front = yaw_to_front(ReferenceView(figure, chosen->model).forward());
-  // The hip line is level and square in the T-pose, whatever way the file's own pelvis leans or
-  // turns below its shoulders: figures whose hip lines agree face the same way.
-  Quaterniond level = front;
-  if (figure.is_body()) {
-    const Vector3d hip_line =
-        ReferenceView(figure, chosen->model).bone(Role::rightUpperLeg, Role::leftUpperLeg);
-    level = smallest_rotation(front * hip_line, Vector3d::UnitX()) * front;
+  // A frame of the motion is nobody's neutral pose: the trunk that stands best is upright.
+  Quaterniond upright = front;
+  if (figure.is_body() && chosen->name == "motion") {
+    upright =
+        smallest_rotation(front * ReferenceView(figure, chosen->model).trunk(), Vector3d::UnitY()) *
+        front;
   }
-  Corrections corrections(figure, bones, front);
+  // Hip line and shoulder line are level and square in the T-pose, whatever way the file's own
+  // pelvis and chest lean or turn: figures whose lines agree face the same way.
+  const auto levelled = [&](Role right, Role left) {
+    if (!figure.is_body() || !figure.has(right) || !figure.has(left)) return upright;
+    const Vector3d line = ReferenceView(figure, chosen->model).bone(right, left);
+    return Quaterniond(smallest_rotation(upright * line, Vector3d::UnitX()) * upright);
+  };
+  const Quaterniond level_hips = levelled(Role::rightUpperLeg, Role::leftUpperLeg);
+  const Quaterniond level_chest = levelled(Role::rightUpperArm, Role::leftUpperArm);
+  Corrections corrections(figure, bones, front, upright);
   if (figure.is_body() && clip != nullptr && chosen->name == "motion") {
     corrections.set_planted(planted_feet(character, figure, chosen->model, *clip));
   } else if (figure.is_body() && clip != nullptr) {
@@ -471,9 +330,13 @@ Result<Calibration> calibrate(const Character& character, const Figure& figure,
         std::find(figure.spine.begin(), figure.spine.end(), j) != figure.spine.end() ||
         std::find(figure.neck.begin(), figure.neck.end(), j) != figure.neck.end();
     const Quaterniond inherited = parent == kNoJoint ? front : correction[parent];
-    correction[j] = j == figure.root() && figure.is_body() ? level
-                    : trunk                                ? front
-                                                           : corrections.of(roles[j], inherited);
+    const bool pelvis =
+        std::find(figure.pelvis.begin(), figure.pelvis.end(), j) != figure.pelvis.end();
+    const bool chest = !figure.spine.empty() && j == figure.spine.back();
+    correction[j] = pelvis  ? level_hips
+                    : chest ? level_chest
+                    : trunk ? upright
+                            : corrections.of(roles[j], inherited);
     const Vector3d p = parent == kNoJoint
                            ? Vector3d(front * reference.translation())
                            : Vector3d(out.model_from_joint[parent].translation() +

@@ -117,8 +117,8 @@ class Extraction {
   /// of one makes a radian cost as much as 0.1 m.
   void choose_effectors() {
     const Figure& to = target_.figure;
-    const std::int32_t root = to.root();
-    const bool moves = target_.rig.joints[row_of_[root]].type == JointType::free;
+    const std::int32_t root = to.is_body() ? to.at(Role::hips) : to.root();
+    const bool moves = target_.rig.joints[row_of_[to.root()]].type == JointType::free;
     add(root, moves ? EffectorKind::pose : EffectorKind::orientation,
         moves ? Aim::root : Aim::guessed, 1.4, 6.0, true);
     if (to.is_body()) {
@@ -126,7 +126,8 @@ class Extraction {
       track_.effectors.back().offset =
           target_.calibration.model_from_joint[root].conjugate().transform_point(
               hip_centre(target_.calibration.model_from_joint, to));
-      const double share = 1.0 / std::max<std::size_t>(1, to.spine.size());
+      // Held by little, lower joints would let the hands pull the trunk over.
+      const double share = 6.0 / double(std::max<std::size_t>(1, to.spine.size()));
       for (const std::int32_t j : to.spine) {
         const bool top = j == to.spine.back();
         add(j, EffectorKind::orientation, Aim::rotation, 0.0, top ? 4.0 : share, top);
@@ -323,23 +324,24 @@ class Extraction {
     const std::size_t rows = target_.joint_of_row.size();
     std::span<DualQuaternion> guess(track_.guess.data() + f * std::int64_t(rows), rows);
     std::vector<Quaterniond> world(rows);
-    const std::int32_t root_row = row_of_[target_.figure.root()];
     for (std::size_t i = 0; i < rows; ++i) {
       const RigJoint& row = target_.rig.joints[i];
       const std::int32_t j = target_.joint_of_row[i];
       const Quaterniond parent =
           row.parent == kNoJoint ? Quaterniond::Identity() : world[row.parent];
       Quaterniond local = row.rest;
-      if (const std::int32_t twin = transfer_.carried(j); twin != kNoJoint) {
+      const std::int32_t twin = transfer_.carried(j);
+      const bool pelvis = std::ranges::count(target_.figure.pelvis, j) != 0;
+      if (twin != kNoJoint && !pelvis) {
         local = carried_local(f, twin, j);
-      } else if (row.type != JointType::fixed) {
+      } else if (twin != kNoJoint || row.type != JointType::fixed) {
         local = (parent.conjugate() * since[j] * target_.calibration.model_from_joint[j].rotation())
                     .normalized();
       }
       world[i] = parent * local;
       guess[i] = DualQuaternion::from_rotation_translation(local, row.offset);
     }
-    place_root(guess, root_row, model, since);
+    place_root(guess, model, since);
   }
 
   /// An unmapped joint turns against its own T-pose as its namesake does.
@@ -353,27 +355,34 @@ class Extraction {
     return (target_.rig.joints[row_of_[j]].rest * turn).normalized();
   }
 
-  void place_root(std::span<DualQuaternion> guess, std::int32_t root_row,
-                  std::span<const DualQuaternion> model, std::span<const Quaterniond> since) {
+  /// Moves the root so that the pelvis (or the hand) comes to where it is to be.
+  void place_root(std::span<DualQuaternion> guess, std::span<const DualQuaternion> model,
+                  std::span<const Quaterniond> since) {
+    const Figure& figure = target_.figure;
+    const std::int32_t root_row = row_of_[figure.root()];
     const RigJoint& row = target_.rig.joints[root_row];
     if (row.type != JointType::free) return;
+    std::int32_t placed = figure.root();
     Vector3d p_world;
     if (body()) {
       placement_.centre = hip_centre(model, *source_.figure);
       const Calibration& to = target_.calibration;
-      const Vector3d centre_t = hip_centre(to.model_from_joint, target_.figure);
-      const std::int32_t hips = target_.figure.at(Role::hips);
-      p_world = placement_(placement_.centre) - since[hips] * (centre_t - to.position(hips));
+      const Vector3d centre_t = hip_centre(to.model_from_joint, figure);
+      placed = figure.at(Role::hips);
+      p_world = placement_(placement_.centre) - since[placed] * (centre_t - to.position(placed));
     } else {
-      const Role hand = on_side(Role::leftHand, target_.figure.hand_side());
+      const Role hand = on_side(Role::leftHand, figure.hand_side());
       p_world = placement_.scale * model[source_.figure->at(hand)].translation();
     }
-    DualQuaternion world = DualQuaternion::identity();
-    for (std::int32_t i = row.parent; i != kNoJoint; i = target_.rig.joints[i].parent) {
-      world = guess[i] * world;
-    }
+    const auto world_of = [&](std::int32_t i) {
+      DualQuaternion world = DualQuaternion::identity();
+      for (; i != kNoJoint; i = target_.rig.joints[i].parent) world = guess[i] * world;
+      return world;
+    };
+    const Vector3d step = p_world - world_of(row_of_[placed]).translation();
+    const Quaterniond parent_from_world = world_of(row.parent).rotation().conjugate();
     guess[root_row] = DualQuaternion::from_rotation_translation(
-        guess[root_row].rotation(), world.conjugate().transform_point(p_world));
+        guess[root_row].rotation(), guess[root_row].translation() + parent_from_world * step);
   }
 
   void make_targets(std::int64_t f, std::span<const DualQuaternion> model,

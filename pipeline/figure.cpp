@@ -194,21 +194,28 @@ void give_flat_hand_its_chains(const Character& character, Figure& figure) {
   }
 }
 
-/// Legs or arms that hang beside the hips, not below them: what carries all is what moves as the
-/// hips.
+/// The hips are what carries both thighs and the trunk, whatever joint has the name: legs hang
+/// below the hips' first spine joint (3ds Max Biped), or beside the hips (then what carries all).
 void find_moving_hips(const Character& character, Figure& figure) {
   if (!figure.is_body()) return;
   const auto& parents = character.skeleton.parents;
-  std::int32_t hips = figure.at(Role::hips);
-  const auto carries_all = [&] {
-    for (const Role limb : {Role::leftUpperLeg, Role::rightUpperLeg, Role::leftUpperArm,
-                            Role::rightUpperArm, Role::head}) {
-      if (figure.has(limb) && !is_ancestor(parents, hips, figure.at(limb))) return false;
+  const std::int32_t named = figure.at(Role::hips);
+  const auto carries_all = [&](std::int32_t joint) {
+    for (const Role limb :
+         {Role::rightUpperLeg, Role::leftUpperArm, Role::rightUpperArm, Role::head}) {
+      if (figure.has(limb) && !is_ancestor(parents, joint, figure.at(limb))) return false;
     }
     return true;
   };
-  while (hips != kNoJoint && !carries_all()) hips = parents[hips];
-  if (hips != kNoJoint) figure.joint[index_of(Role::hips)] = hips;
+  std::int32_t hips = parents[figure.at(Role::leftUpperLeg)];
+  while (hips != kNoJoint && !carries_all(hips)) hips = parents[hips];
+  if (hips == kNoJoint) hips = named;
+  figure.joint[index_of(Role::hips)] = hips;
+  figure.pelvis = {hips};
+  if (!is_ancestor(parents, named, hips)) return;
+  while (figure.pelvis.front() != named) {
+    figure.pelvis.insert(figure.pelvis.begin(), parents[figure.pelvis.front()]);
+  }
 }
 
 /// Limb joints that rigs with IK helpers hang elsewhere (feet below the root) get their limb's
@@ -382,23 +389,25 @@ Result<void> apply_overrides(const Character& character, const RoleOverrides& ov
 /// A map that differs from the structure in spine or neck means its own list of joints.
 void apply_trunk_overrides(const Character& character, const RoleOverrides& overrides,
                            Figure& figure) {
+  // The joint a map gives the role; a joint of the pelvis is none of the trunk's.
+  const auto meant = [&](Role role) {
+    const auto given = overrides.find(std::string(name_of(role)));
+    if (given == overrides.end()) return figure.at(role);
+    const std::int32_t j = character.skeleton.find(given->second);
+    return std::ranges::count(figure.pelvis, j) != 0 ? figure.at(role) : j;
+  };
   const auto listed = [&](std::initializer_list<Role> roles, std::vector<std::int32_t>& chain) {
     bool differs = false;
-    std::vector<std::int32_t> joints;
+    std::vector<std::int32_t> joints, by_role;
     for (const Role role : roles) {
-      const auto given = overrides.find(std::string(name_of(role)));
-      std::int32_t j = figure.at(role);
-      if (given != overrides.end()) j = character.skeleton.find(given->second);
+      const std::int32_t j = by_role.emplace_back(meant(role));
       differs = differs || j != figure.at(role);
       if (j != kNoJoint) joints.push_back(j);
     }
     if (!differs) return;
     chain = joints;
-    for (const Role role : roles) {
-      const auto given = overrides.find(std::string(name_of(role)));
-      if (given != overrides.end()) {
-        figure.joint[index_of(role)] = character.skeleton.find(given->second);
-      }
+    for (std::size_t k = 0; k < roles.size(); ++k) {
+      figure.joint[index_of(roles.begin()[k])] = by_role[k];
     }
   };
   listed({Role::spine, Role::chest, Role::upperChest}, figure.spine);
@@ -415,7 +424,7 @@ bool Figure::has_fingers(Side side) const {
 }
 
 std::int32_t Figure::root() const {
-  if (is_body()) return at(Role::hips);
+  if (is_body()) return pelvis.front();
   return at(on_side(Role::leftHand, hand_side()));
 }
 

@@ -23,7 +23,10 @@ struct FigureChain {
 /// A skeleton understood as a human body or a hand.
 struct Figure {
   std::array<std::int32_t, kRoleCount> joint;  ///< by role; kNoJoint where the figure has none
-  std::vector<std::int32_t> spine;  ///< above the hips up to the joint that carries the arms
+  /// From the joint the file calls hips down to the one that carries both thighs, which has the
+  /// role; one joint on most figures. They turn as one, and the first has the body's place.
+  std::vector<std::int32_t> pelvis;
+  std::vector<std::int32_t> spine;  ///< above the pelvis up to the joint that carries the arms
   std::vector<std::int32_t> neck;   ///< above the spine, below the head
   /// The hierarchy that moves: the skeleton's own, except that hands whose joints are all siblings
   /// (WebXR) get their fingers' chains.
@@ -44,7 +47,7 @@ struct Figure {
   bool has_fingers(Side) const;
   /// The side of a lone hand; the right one where there are two.
   Side hand_side() const { return has(Role::rightHand) ? Side::right : Side::left; }
-  /// The joint the whole figure hangs on: hips, or the hand of a lone hand.
+  /// The joint the whole figure hangs on: the pelvis's first, or the hand of a lone hand.
   std::int32_t root() const;
 };
 

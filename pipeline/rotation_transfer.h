@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "pipeline/effectors.h"
+#include "pipeline/trunk_transfer.h"
 
 namespace limber {
 
@@ -27,7 +28,8 @@ class RotationTransfer {
  private:
   std::optional<Role> nearest_source_parent(Role) const;
   Eigen::Quaterniond absent_finger(Role) const;
-  void trunk(std::span<const DualQuaternion> model, std::span<Eigen::Quaterniond> since) const;
+  void turn_pelvis(std::span<const DualQuaternion> model,
+                   std::span<Eigen::Quaterniond> since) const;
   void settle_hand(std::span<const DualQuaternion> model,
                    std::span<Eigen::Quaterniond> since) const;
   void find_carried();
@@ -37,7 +39,7 @@ class RotationTransfer {
   FingerMode fingers_;
   std::vector<std::optional<Role>> roles_;
   std::vector<std::int32_t> carried_;
-  std::vector<double> source_neck_, target_neck_;
+  std::optional<TrunkTransfer> trunk_;  // between bodies
 };
 
 }  // namespace limber

@@ -6,9 +6,9 @@
 #include <cmath>
 
 #include "assets/model/clip.h"
-#include "assets/model/mannequin.h"
 #include "pipeline/foot_reference.h"
 #include "pipeline/target.h"
+#include "tests/pipeline/body.h"
 
 namespace limber {
 namespace {
@@ -16,58 +16,13 @@ namespace {
 using Eigen::AngleAxisd;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
+using limber_test::Body;
 
 constexpr double kDeg = M_PI / 180.0;
 
-/// A shipped body whose rest pose is its T-pose, to be bent by a test.
-struct Body {
-  Character character;
-  Figure figure;
-
-  Body() : character(mannequin(*shipped_rig("biped-full"))) {
-    auto found = identify_figure(character);
-    EXPECT_TRUE(found);
-    figure = std::move(*found);
-  }
-
-  /// Turns the rest pose of a role's joint by `turn`, given in the world.
-  void turn_rest(Role role, const Quaterniond& turn) {
-    Skeleton& skeleton = character.skeleton;
-    std::vector<DualQuaternion> model(skeleton.parents.size());
-    model_from_local(skeleton, skeleton.rest_parent_from_joint, model);
-    const std::int32_t j = figure.at(role);
-    const Quaterniond world = model[j].rotation();
-    DualQuaternion& local = skeleton.rest_parent_from_joint[j];
-    local = DualQuaternion::from_rotation_translation(
-        (local.rotation() * world.conjugate() * turn * world).normalized(), local.translation());
-  }
-
-  Calibration calibrated(const Clip* clip = nullptr) const {
-    auto out = calibrate(character, figure, {ReferenceChoice::rest, 0}, {}, clip);
-    EXPECT_TRUE(out);
-    return std::move(*out);
-  }
-
-  Vector3d hip_line(const Calibration& c) const {
-    return (c.position(figure.at(Role::leftUpperLeg)) - c.position(figure.at(Role::rightUpperLeg)))
-        .normalized();
-  }
-};
-
-TEST(Calibration, LevelsAndSquaresThePelvisOfAnyReference) {
-  for (const Vector3d& axis : {Vector3d(Vector3d::UnitY()), Vector3d(Vector3d::UnitZ())}) {
-    Body body;
-    const Quaterniond turn(AngleAxisd(8.0 * kDeg, axis));
-    body.turn_rest(Role::hips, turn);
-    body.turn_rest(Role::spine, turn.conjugate());  // the shoulders stay
-    EXPECT_NEAR(body.hip_line(body.calibrated()).dot(Vector3d::UnitX()), 1.0, 1e-9);
-  }
-}
-
-/// Stands with level legs and soles for a second: what the joints are to a body that is in its
-/// T-pose, whatever the rest pose of the file.
-Clip standing_clip(const Body& t_pose) {
-  const Skeleton& skeleton = t_pose.character.skeleton;
+/// Holds a body's rest pose for a second.
+Clip standing_clip(const Body& body) {
+  const Skeleton& skeleton = body.character.skeleton;
   Clip clip;
   clip.rate_hz = 30.0;
   clip.joints = skeleton.size();
@@ -77,6 +32,42 @@ Clip standing_clip(const Body& t_pose) {
                                   skeleton.rest_parent_from_joint.end());
   }
   return clip;
+}
+
+Vector3d line(const Body& body, const Calibration& c, Role from, Role to) {
+  return (c.position(body.figure.at(to)) - c.position(body.figure.at(from))).normalized();
+}
+
+TEST(Calibration, LevelsAndSquaresPelvisAndChestOfAnyReference) {
+  for (const Vector3d& axis : {Vector3d(Vector3d::UnitY()), Vector3d(Vector3d::UnitZ())}) {
+    for (const Role part : {Role::hips, Role::upperChest}) {
+      Body body;
+      const Quaterniond turn(AngleAxisd(8.0 * kDeg, axis));
+      body.turn_rest(part, turn);
+      if (part == Role::hips) body.turn_rest(Role::spine, turn.conjugate());  // the shoulders stay
+      const Calibration c = body.calibrated();
+      const Vector3d hips = line(body, c, Role::rightUpperLeg, Role::leftUpperLeg);
+      const Vector3d shoulders = line(body, c, Role::rightUpperArm, Role::leftUpperArm);
+      EXPECT_NEAR(hips.dot(Vector3d::UnitX()), 1.0, 1e-9) << name_of(part);
+      EXPECT_NEAR(shoulders.dot(Vector3d::UnitX()), 1.0, 1e-9) << name_of(part);
+    }
+  }
+}
+
+TEST(Calibration, AFrameOfTheMotionStandsWithItsTrunkUpright) {
+  Body leaning;
+  leaning.turn_rest(Role::spine, Quaterniond(AngleAxisd(-6.0 * kDeg, Vector3d::UnitX())));
+  const Clip clip = standing_clip(leaning);
+  const auto c =
+      calibrate(leaning.character, leaning.figure, {ReferenceChoice::motion, 0}, {}, &clip);
+  ASSERT_TRUE(c);
+  const auto centre = [&](Role left, Role right) {
+    return Vector3d(0.5 *
+                    (c->position(leaning.figure.at(left)) + c->position(leaning.figure.at(right))));
+  };
+  const Vector3d trunk = centre(Role::leftUpperArm, Role::rightUpperArm) -
+                         centre(Role::leftUpperLeg, Role::rightUpperLeg);
+  EXPECT_NEAR(trunk.normalized().y(), 1.0, 1e-6);
 }
 
 TEST(Calibration, ReadsFromTheClipWhetherSplayedLegsCarryTheirSolesAlong) {

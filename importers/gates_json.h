@@ -15,8 +15,8 @@ struct Gate {
   /// array the element of that `name` or `joint`, or its index; `*` is every member or element.
   std::string figure;
   std::optional<double> warn{}, fail{};  ///< what is beyond is a warning, a failure; one is there
-  bool at_least = false;             ///< the figure must not be less, instead of not more
-  bool required = false;             ///< a report without the figure misses the gate
+  bool at_least = false;                 ///< the figure must not be less, instead of not more
+  bool required = false;                 ///< a report without the figure misses the gate
 };
 
 /// A file of format `limber/gates/1` (assets/data/schemas/gates.schema.json).

@@ -140,6 +140,8 @@ for (const base of hostile) {
   await page.evaluate((clip) => { location.hash = `clip=${encodeURIComponent(clip)}`; }, base);
   await page.locator('#detail[open]').waitFor({ timeout: 30000 });
   await page.keyboard.press('Escape');
+  // Closing takes the clip out of the address in a task of its own, which must not meet the next one.
+  await page.waitForFunction(() => !location.hash.includes('clip='));
 }
 assert.equal(await page.evaluate(() => window.owned), undefined);
 assert.equal(await page.locator('script').count(), 2, 'the batch and the script; the clips were taken');

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "pipeline/effectors.h"
+#include "pipeline/self_contacts.h"
 #include "pipeline/target.h"
 #include "validation/limit_check.h"
 
@@ -60,6 +61,7 @@ struct Retargeted {
   SolverFigures solver;
   std::vector<BentJoint> bent;
   double source_excess_deg = 0.0;
+  SelfContactFigures self_contacts;
   RefineFigures refine;
   Warnings warnings;
 };

@@ -255,6 +255,8 @@ Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
   return IkSolver(std::make_unique<State>(rig, options));
 }
 
+void IkSolver::set_gaps(std::span<const double> least) { state_->rows.set_gaps(least); }
+
 void IkSolver::forget() { state_->rows_now.rows.clear(); }
 
 IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<DualQuaternion> pose) {

@@ -94,6 +94,11 @@ class IkSolver {
   /// best. This forgets them: call it where a clip begins, so that its answer is its own.
   void forget();
 
+  /// Collision: the least gap (m) that capsules keep, for each of collision_pairs(rig), from the
+  /// next solve on. Below 0 they may overlap by so much, -infinity frees the pair. Without this call
+  /// it is 0, or what they overlap by at rest.
+  void set_gaps(std::span<const double> least);
+
   /// The next frame of a clip: as solve(), but starts from the answers to the calls before, keeps
   /// their active limits and damping, and what the targets leave open goes on calmly. Whatever
   /// `parent_from_joint` holds is overwritten. Without a call before it starts from the rest pose.

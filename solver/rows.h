@@ -41,6 +41,8 @@ class IkRows {
            std::span<IkGoal> goals);
   /// Goals for all levels at once, nothing held: for measuring.
   void aim_at_all(std::span<const EffectorTarget>, std::span<IkGoal> goals);
+  /// See IkSolver::set_gaps.
+  void set_gaps(std::span<const double> least) { capsules_.set_gaps(least); }
   /// Speeds count from `previous`.
   void set_previous(const IkState& previous) { previous_ = previous; }
 

@@ -8,10 +8,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
-#include <limits>
-#include <optional>
 
 #include "solver/capsule_contacts.h"
 
@@ -21,7 +17,7 @@ namespace {
 using Eigen::Vector3d;
 
 constexpr double kLegOfStature = 0.485;
-constexpr double kHeadAndSoles = 1.19;  // stature over ankle to hip to head joint
+constexpr double kHeadAndSoles = 1.19;                  // stature over ankle to hip to head joint
 constexpr double kTorsoBegin = 0.10, kTorsoEnd = 0.85;  // of hips to shoulders
 constexpr double kHeadBegin = 0.03, kHeadEnd = 0.075;   // of the scale, above the head joint
 constexpr double kForearmBegin = 0.35;                  // of elbow to wrist: folded arms meet there
@@ -30,26 +26,16 @@ constexpr std::array<double, kBodyPartCount> kRadius = {0.070, 0.050, 0.045, 0.0
                                                         0.022, 0.022, 0.018, 0.018};
 
 constexpr std::array<PartPair, 20> kPairs = {{
-    {BodyPart::leftForearm, BodyPart::torso},
-    {BodyPart::leftForearm, BodyPart::head},
-    {BodyPart::leftForearm, BodyPart::leftThigh},
-    {BodyPart::leftForearm, BodyPart::rightThigh},
-    {BodyPart::leftHand, BodyPart::torso},
-    {BodyPart::leftHand, BodyPart::head},
-    {BodyPart::leftHand, BodyPart::leftThigh},
-    {BodyPart::leftHand, BodyPart::rightThigh},
-    {BodyPart::rightForearm, BodyPart::torso},
-    {BodyPart::rightForearm, BodyPart::head},
-    {BodyPart::rightForearm, BodyPart::leftThigh},
-    {BodyPart::rightForearm, BodyPart::rightThigh},
-    {BodyPart::rightHand, BodyPart::torso},
-    {BodyPart::rightHand, BodyPart::head},
-    {BodyPart::rightHand, BodyPart::leftThigh},
-    {BodyPart::rightHand, BodyPart::rightThigh},
-    {BodyPart::leftForearm, BodyPart::rightForearm},
-    {BodyPart::leftForearm, BodyPart::rightHand},
-    {BodyPart::leftHand, BodyPart::rightForearm},
-    {BodyPart::leftHand, BodyPart::rightHand},
+    {BodyPart::leftForearm, BodyPart::torso},        {BodyPart::leftForearm, BodyPart::head},
+    {BodyPart::leftForearm, BodyPart::leftThigh},    {BodyPart::leftForearm, BodyPart::rightThigh},
+    {BodyPart::leftHand, BodyPart::torso},           {BodyPart::leftHand, BodyPart::head},
+    {BodyPart::leftHand, BodyPart::leftThigh},       {BodyPart::leftHand, BodyPart::rightThigh},
+    {BodyPart::rightForearm, BodyPart::torso},       {BodyPart::rightForearm, BodyPart::head},
+    {BodyPart::rightForearm, BodyPart::leftThigh},   {BodyPart::rightForearm, BodyPart::rightThigh},
+    {BodyPart::rightHand, BodyPart::torso},          {BodyPart::rightHand, BodyPart::head},
+    {BodyPart::rightHand, BodyPart::leftThigh},      {BodyPart::rightHand, BodyPart::rightThigh},
+    {BodyPart::leftForearm, BodyPart::rightForearm}, {BodyPart::leftForearm, BodyPart::rightHand},
+    {BodyPart::leftHand, BodyPart::rightForearm},    {BodyPart::leftHand, BodyPart::rightHand},
 }};
 
 /// The capsules of one figure, built in its T-pose.
@@ -78,7 +64,8 @@ class Body {
   /// From and to in the T-pose's space.
   void add(BodyPart part, std::int32_t joint, const Vector3d& from, const Vector3d& to) {
     const DualQuaternion joint_from_model = calibration_.model_from_joint[joint].conjugate();
-    out_.push_back({part, joint,
+    out_.push_back({part,
+                    joint,
                     {joint_from_model.transform_point(from), joint_from_model.transform_point(to),
                      scale_ * kRadius[static_cast<std::size_t>(part)]}});
   }
@@ -133,54 +120,32 @@ class Body {
 std::span<const PartPair> part_pairs() { return kPairs; }
 
 double girth_scale(const Figure& figure, const Calibration& calibration) {
+  if (!figure.is_body()) return calibration.height;
+  // From between the hip joints: what moves as the hips may have its joint on the floor.
+  Vector3d below = 0.5 * (calibration.position(figure.at(Role::leftUpperLeg)) +
+                          calibration.position(figure.at(Role::rightUpperLeg)));
   double trunk = 0.0;
-  for (std::int32_t j = figure.at(Role::head); j != kNoJoint && j != figure.root();
-       j = figure.parents[j]) {
-    const std::int32_t parent = figure.parents[j];
-    if (parent != kNoJoint) trunk += (calibration.position(j) - calibration.position(parent)).norm();
-  }
+  const auto climb = [&](std::int32_t joint) {
+    if (joint == kNoJoint) return;
+    trunk += (calibration.position(joint) - below).norm();
+    below = calibration.position(joint);
+  };
+  for (const std::int32_t joint : figure.spine) climb(joint);
+  for (const std::int32_t joint : figure.neck) climb(joint);
+  climb(figure.at(Role::head));
   const double leg = calibration.leg_length;
   if (!(leg > 0.0) || !(trunk > 0.0)) return calibration.height;
   return std::sqrt(kHeadAndSoles * (leg + trunk) * leg / kLegOfStature);
 }
 
-std::vector<PartCapsule> body_capsules(const Character& character, const Figure& figure,
-                                       const Calibration& calibration) {
+std::vector<PartCapsule> body_capsules(const Figure& figure, const Calibration& calibration) {
   if (!figure.is_body()) return {};
-  auto out = Body(figure, calibration).run();
-  if (std::getenv("CAPDEBUG")) {
-    // nearest axis in T-pose, dominant joint
-    std::vector<std::vector<double>> d(out.size());
-    for (const Mesh& mesh : character.meshes) {
-      std::vector<Eigen::Vector3f> posed(mesh.positions.size());
-      skin_positions(mesh, calibration.model_from_joint, posed);
-      for (std::size_t v = 0; v < posed.size(); ++v) {
-        float best = 0; std::int32_t joint = -1;
-        for (auto i = mesh.influence_begin[v]; i < mesh.influence_begin[v + 1]; ++i)
-          if (mesh.influences[i].weight > best) best = mesh.influences[i].weight, joint = mesh.skin[mesh.influences[i].skin_joint].joint;
-        for (std::size_t k = 0; k < out.size(); ++k) {
-          if (out[k].joint != joint) continue;
-          const auto p = calibration.model_from_joint[joint].conjugate().transform_point(posed[v].cast<double>());
-          const Vector3d u = out[k].capsule.to - out[k].capsule.from;
-          const double t = u.dot(p - out[k].capsule.from) / u.squaredNorm();
-          if (t < 0 || t > 1) continue;
-          d[k].push_back((p - out[k].capsule.from - t * u).norm());
-        }
-      }
-    }
-    std::fprintf(stderr, "girth %.3f height %.3f leg %.3f\n", girth_scale(figure, calibration), calibration.height, calibration.leg_length);
-    for (std::size_t k = 0; k < out.size(); ++k) {
-      std::sort(d[k].begin(), d[k].end());
-      const auto q = [&](double x) { return d[k].empty() ? 0.0 : d[k][std::size_t(x * double(d[k].size() - 1))]; };
-      std::fprintf(stderr, "part %d joint %s n %zu r %.3f len %.3f  q10 %.3f q25 %.3f q50 %.3f q75 %.3f q90 %.3f max %.3f\n", int(out[k].part), character.skeleton.names[out[k].joint].c_str(), d[k].size(), out[k].capsule.radius, (out[k].capsule.to-out[k].capsule.from).norm(), q(.1), q(.25), q(.5), q(.75), q(.9), q(1));
-    }
-  }
-  return out;
+  return Body(figure, calibration).run();
 }
 
 void part_gaps(std::span<const PartCapsule> capsules,
-               std::span<const DualQuaternion> model_from_joint, std::span<double> gaps) {
-  std::ranges::fill(gaps, std::numeric_limits<double>::infinity());
+               std::span<const DualQuaternion> model_from_joint, std::span<PartGap> gaps) {
+  std::ranges::fill(gaps, PartGap{});
   std::vector<Capsule> placed;
   placed.reserve(capsules.size());
   for (const PartCapsule& c : capsules) {
@@ -193,7 +158,9 @@ void part_gaps(std::span<const PartCapsule> capsules,
       if (capsules[i].part != kPairs[k].a) continue;
       for (std::size_t j = 0; j < capsules.size(); ++j) {
         if (capsules[j].part != kPairs[k].b) continue;
-        gaps[k] = std::min(gaps[k], capsule_gap(placed[i], placed[j]));
+        const CapsuleGap gap = capsule_gap(placed[i], placed[j]);
+        if (gap.gap >= gaps[k].gap) continue;
+        gaps[k] = {gap.gap, capsules[i].joint, capsules[j].joint, gap.on_a, gap.on_b};
       }
     }
   }

@@ -2,10 +2,10 @@
 
 #include <array>
 #include <cstdint>
+#include <limits>
 #include <span>
 #include <vector>
 
-#include "assets/model/character.h"
 #include "assets/model/rig.h"
 #include "pipeline/calibration.h"
 #include "pipeline/figure.h"
@@ -38,14 +38,21 @@ struct PartPair {
 };
 std::span<const PartPair> part_pairs();
 
-/// What stature and girth make of a body's parts in the calibrated T-pose, fitted to its mesh where
-/// it has one (see body_capsules.cpp). Parts that the figure lacks are left out; a hand alone has
-/// none.
-std::vector<PartCapsule> body_capsules(const Character&, const Figure&, const Calibration&);
+/// The parts of a body as its stature makes them, placed in the calibrated T-pose (see
+/// body_capsules.cpp). Parts that the figure lacks are left out; a hand alone has none.
+std::vector<PartCapsule> body_capsules(const Figure&, const Calibration&);
 
-/// Gaps between the parts (m), one per part_pairs(), in a pose; infinite where a part is missing.
+/// Where two parts are nearest to each other, m.
+struct PartGap {
+  double gap = std::numeric_limits<double>::infinity();  ///< below 0 they overlap
+  std::int32_t joint_a = kNoJoint, joint_b = kNoJoint;
+  Eigen::Vector3d on_a = Eigen::Vector3d::Zero();  ///< on the axes, model space
+  Eigen::Vector3d on_b = Eigen::Vector3d::Zero();
+};
+
+/// Gaps in a pose, one per part_pairs(); infinite where a part is missing.
 void part_gaps(std::span<const PartCapsule>, std::span<const DualQuaternion> model_from_joint,
-               std::span<double> gaps);
+               std::span<PartGap> gaps);
 
 /// The size that girths go with (m): about the stature.
 double girth_scale(const Figure&, const Calibration&);

@@ -196,6 +196,8 @@ std::vector<std::int64_t> frames_to_refine(const Retargeted& out) {
   }
   std::sort(frames.begin(), frames.end());
   frames.erase(std::unique(frames.begin(), frames.end()), frames.end());
+  // Ceres knows nothing of parts that push each other.
+  std::erase_if(frames, [&](std::int64_t f) { return out.self_contacts.presses(f); });
   return frames;
 }
 

@@ -11,10 +11,11 @@ namespace limber {
 /// How a clip was kept from passing through its own body. Depths count beyond those that the source
 /// itself has in the same frame, scaled to the target's girth.
 struct SelfContactFigures {
-  bool measured = false;                ///< both figures are bodies with arms
+  bool measured = false;                 ///< both figures are bodies with arms
   std::vector<std::uint8_t> pressed;     ///< [frame] 1: parts were pushed apart
   std::vector<double> before_m, left_m;  ///< [frame] largest depth, before and after
 
+  bool presses(std::int64_t frame) const { return measured && pressed[frame] != 0; }
   std::int64_t pressed_frames() const;
 };
 

@@ -61,13 +61,15 @@ bool is_end(double parameter) { return parameter == 0.0 || parameter == 1.0; }
 
 }  // namespace
 
-double capsule_gap(const Capsule& a, const Capsule& b) {
+CapsuleGap capsule_gap(const Capsule& a, const Capsule& b) {
   const Vector3d u = a.to - a.from, v = b.to - b.from;
   const Nearest near = nearest_points(a.from, u, b.from, v);
-  return (a.from + near.s * u - b.from - near.t * v).norm() - a.radius - b.radius;
+  CapsuleGap out{0.0, a.from + near.s * u, b.from + near.t * v};
+  out.gap = (out.on_a - out.on_b).norm() - a.radius - b.radius;
+  return out;
 }
 
-CapsuleContacts::CapsuleContacts(const Rig& rig, const IkTree& tree) : margin_(kMargin) {
+CapsuleContacts::CapsuleContacts(const Rig& rig, const IkTree& tree) {
   std::vector<std::int32_t> first_body;
   std::vector<Body> at_rest;
   std::vector<DualQuaternion> rest(rig.joints.size()), model(rig.joints.size());
@@ -105,34 +107,20 @@ CapsuleContacts::CapsuleContacts(const Rig& rig, const IkTree& tree) : margin_(k
 
 void CapsuleContacts::add_pairs(const Rig& rig, const std::vector<std::int32_t>& first_body,
                                 const std::vector<Body>& at_rest) {
-  std::int32_t index = -1;
   for (const CollisionPair& joints : collision_pairs(rig)) {
-    ++index;
     if (groups_[joints.joint_a].node == groups_[joints.joint_b].node) continue;
     GroupPair group{joints.joint_a, joints.joint_b, static_cast<std::int32_t>(pairs_.size()), 0};
     for (std::int32_t a = first_body[joints.joint_a]; a < first_body[joints.joint_a + 1]; ++a) {
       for (std::int32_t b = first_body[joints.joint_b]; b < first_body[joints.joint_b + 1]; ++b) {
         const Body &p = at_rest[a], &q = at_rest[b];
-        const double gap =
-            capsule_gap({p.from, p.to, p.radius}, {q.from, q.to, q.radius});
+        const double gap = capsule_gap({p.from, p.to, p.radius}, {q.from, q.to, q.radius}).gap;
         if (gap < -kRestOverlap * std::min(p.radius, q.radius)) continue;
-        pairs_.push_back({a, b, std::min(gap, 0.0), index});
+        pairs_.push_back({a, b, std::min(gap, 0.0)});
       }
     }
     group.end = static_cast<std::int32_t>(pairs_.size());
     if (group.end > group.begin) group_pairs_.push_back(group);
   }
-}
-
-void CapsuleContacts::set_gaps(std::span<const double> least) {
-  double widest = 0.0;
-  for (Pair& pair : pairs_) {
-    pair.allowed = least[pair.joints];
-    widest = std::max(widest, pair.allowed);
-  }
-  margin_ = kMargin + widest;
-  std::fill(gathered_.begin(), gathered_.end(),
-            Vector3d::Constant(std::numeric_limits<double>::infinity()));
 }
 
 void CapsuleContacts::place(const IkKinematics& kinematics) {
@@ -152,7 +140,7 @@ void CapsuleContacts::gather() {
   near_.clear();
   for (std::size_t i = 0; i < group_pairs_.size(); ++i) {
     const std::int32_t a = group_pairs_[i].a, b = group_pairs_[i].b;
-    const double reach = groups_[a].radius + groups_[b].radius + margin_;
+    const double reach = groups_[a].radius + groups_[b].radius + kMargin;
     if ((centre_[a] - centre_[b]).squaredNorm() < reach * reach) {
       near_.push_back(static_cast<std::int32_t>(i));
     }
@@ -164,7 +152,7 @@ void CapsuleContacts::find(const IkKinematics& kinematics, double sight,
                            std::vector<CapsuleContact>& out) {
   out.clear();
   place(kinematics);
-  const double slack = std::max(0.5 * (kMargin - sight), 0.0);  // what is allowed is in margin_
+  const double slack = std::max(0.5 * (kMargin - sight), 0.0);
   for (std::size_t g = 0; g < groups_.size(); ++g) {
     if ((centre_[g] - gathered_[g]).squaredNorm() < slack * slack) continue;
     gather();
@@ -184,7 +172,6 @@ void CapsuleContacts::measure(std::int32_t index, double sight,
   const Vector3d &p = from_[pair.a], &q = from_[pair.b];
   const Vector3d u = to_[pair.a] - p, v = to_[pair.b] - q;
   const double apart = a.radius + b.radius + pair.allowed, reach = apart + sight;
-  if (!(reach > 0.0)) return;
   const double bound = reach + 0.5 * (u.norm() + v.norm());
   if ((p + 0.5 * u - q - 0.5 * v).squaredNorm() >= bound * bound) return;
   const auto add = [&](std::int32_t feature, double s, double t) {

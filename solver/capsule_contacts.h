@@ -2,15 +2,18 @@
 
 #include <Eigen/Core>
 #include <cstdint>
-#include <span>
 #include <vector>
 
 #include "solver/ik_tree.h"
 
 namespace limber {
 
-/// Distance between the surfaces of two capsules in one space (m); below 0 they overlap.
-double capsule_gap(const Capsule&, const Capsule&);
+/// Where two capsules of one space are nearest to each other, m.
+struct CapsuleGap {
+  double gap = 0.0;             ///< between the surfaces; below 0 they overlap
+  Eigen::Vector3d on_a, on_b;  ///< on the capsules' axes
+};
+CapsuleGap capsule_gap(const Capsule& a, const Capsule& b);
 
 /// Two capsules that are near each other, at one place of their surfaces. World space, metres.
 struct CapsuleContact {
@@ -30,10 +33,6 @@ class CapsuleContacts {
   CapsuleContacts(const Rig&, const IkTree&);
 
   std::size_t pair_count() const { return pairs_.size(); }
-  /// Least gap (m) between the capsules of each of collision_pairs(rig), in their order, from now
-  /// on: below 0 they may overlap by so much, -infinity frees them. Without this call the least gap
-  /// is 0, or what they overlap by at rest.
-  void set_gaps(std::span<const double> least);
   /// All contacts with a gap below `sight`, in fixed order, at most out.capacity() of them: nothing
   /// is allocated. Keeps a list of near pairs between calls, which changes the speed alone.
   void find(const IkKinematics&, double sight, std::vector<CapsuleContact>& out);
@@ -51,8 +50,7 @@ class CapsuleContacts {
   };
   struct Pair {
     std::int32_t a = 0, b = 0;  ///< bodies
-    double allowed = 0.0;       ///< gap at least this
-    std::int32_t joints = 0;    ///< of collision_pairs(rig)
+    double allowed = 0.0;       ///< gap at least this, <= 0
   };
   struct GroupPair {
     std::int32_t a = 0, b = 0;        ///< groups
@@ -69,7 +67,6 @@ class CapsuleContacts {
   std::vector<Group> groups_;  ///< [joint]
   std::vector<Pair> pairs_;
   std::vector<GroupPair> group_pairs_;
-  double margin_;                                   ///< m, of near_
   std::vector<std::int32_t> near_;                  ///< group pairs within reach of each other
   std::vector<Eigen::Vector3d> from_, to_;          ///< [body] world
   std::vector<Eigen::Vector3d> centre_, gathered_;  ///< [joint] world; when near_ was made

@@ -50,7 +50,8 @@ Clip lowered_arms(const Rig& rig, double lowest_deg) {
     q[begin[0] + 1] = 0.05;  // clear of the floor
     for (const char* name : {"leftUpperArm", "rightUpperArm"}) {
       const std::int32_t arm = rig.find(name);
-      const Vector3d turn = -down * rig.joints[arm].axes[0] + 0.1 * std::sin(0.3 * f) * rig.joints[arm].axes[2];
+      const Vector3d turn =
+          -down * rig.joints[arm].axes[0] + 0.1 * std::sin(0.3 * f) * rig.joints[arm].axes[2];
       for (int k = 0; k < 3; ++k) q[begin[arm] + k] = turn[k];
     }
     clip.parent_from_joint.resize(clip.parent_from_joint.size() + rig.joints.size());
@@ -84,16 +85,18 @@ double sampled_depth(const Capsule& a, const Capsule& b) {
   return std::max(0.0, a.radius + b.radius - nearest);
 }
 
-/// [frame] [arm part][body part] depth (m) of a file's own motion, with the figure's capsules on
-/// joints of those names.
-std::vector<std::array<std::array<double, 4>, 4>> depths(const std::filesystem::path& path,
-                                                         const Target& figure) {
-  const auto imported = import_file(path, {});
+using Depths = std::vector<std::array<std::array<double, 4>, 4>>;  // [frame][arm part][body part] m
+
+/// Depths in a file's own motion, with the figure's capsules on joints of those names.
+Depths depths(const std::filesystem::path& path, const Target& figure) {
+  ImportOptions options;
+  options.keep_reference_frame = true;
+  const auto imported = import_file(path, options);
   EXPECT_TRUE(imported) << path;
-  const auto capsules = body_capsules(figure.character, figure.figure, figure.calibration);
-  std::vector<std::array<std::array<double, 4>, 4>> out;
+  const auto capsules = body_capsules(figure.figure, figure.calibration);
   const Skeleton& skeleton = imported->character.skeleton;
   std::vector<DualQuaternion> model(skeleton.parents.size());
+  Depths out;
   for (std::int64_t f = 0; f < imported->clips.front().frames(); ++f) {
     model_from_local(skeleton, imported->clips.front().frame(f), model);
     const auto placed = [&](const PartCapsule& c) {
@@ -104,7 +107,8 @@ std::vector<std::array<std::array<double, 4>, 4>> depths(const std::filesystem::
     out.push_back({});
     for (const PartCapsule& a : capsules) {
       for (const PartCapsule& b : capsules) {
-        const auto row = std::ranges::find(kArms, a.part), column = std::ranges::find(kBody, b.part);
+        const auto row = std::ranges::find(kArms, a.part),
+                   column = std::ranges::find(kBody, b.part);
         if (row == kArms.end() || column == kBody.end()) continue;
         double& depth = out.back()[row - kArms.begin()][column - kBody.begin()];
         depth = std::max(depth, sampled_depth(placed(a), placed(b)));
@@ -112,6 +116,107 @@ std::vector<std::array<std::array<double, 4>, 4>> depths(const std::filesystem::
     }
   }
   return out;
+}
+
+/// [frame] The largest depth of `target` beyond `scale` times the source's of the same parts.
+std::vector<double> beyond(const Depths& target, const Depths& source, double scale) {
+  std::vector<double> out;
+  for (std::size_t f = 0; f < target.size(); ++f) {
+    out.push_back(0.0);
+    for (std::size_t a = 0; a < 4; ++a) {
+      for (std::size_t b = 0; b < 4; ++b) {
+        out.back() = std::max(out.back(), target[f][a][b] - scale * source[f][a][b]);
+      }
+    }
+  }
+  return out;
+}
+
+Target load(const std::string& path) {
+  auto target = load_target(path, {});
+  EXPECT_TRUE(target) << path;
+  return std::move(*target);
+}
+
+/// Retargets and gives the written file and its report.
+std::pair<std::filesystem::path, json> retarget(const Folder& folder, const std::string& source,
+                                                const std::string& target,
+                                                const std::string& collision) {
+  const auto out = folder / collision;
+  const auto run =
+      limber_test::limber({"retarget", source, "--target", target, "-o", out.string(),
+                           "--collision", collision, "--refine", "none", "--formats", "glb"});
+  EXPECT_EQ(run.exit_code, 0);
+  return {out / "motion@narrow.glb",
+          json::parse(limber_test::text_of(out / "motion@narrow.report.json"))};
+}
+
+double largest(const std::vector<double>& x) { return *std::ranges::max_element(x); }
+
+TEST(SelfContacts, PartsStayAsFarApartAsTheSources) {
+  const Folder folder;
+  const Rig wide = biped(0.19), narrow = biped(0.10);
+  const std::string source = write_source(folder, wide, lowered_arms(wide, 78.0));
+  const std::string target = write_target(folder, narrow);
+  const Target from = load(source), to = load(target);
+  const double scale =
+      girth_scale(to.figure, to.calibration) / girth_scale(from.figure, from.calibration);
+  const Depths allowed = depths(source, from);
+  const auto [with, report] = retarget(folder, source, target, "on");
+  const auto [without, plain_report] = retarget(folder, source, target, "off");
+  const std::vector<double> left = beyond(depths(with, to), allowed, scale);
+  const std::vector<double> before = beyond(depths(without, to), allowed, scale);
+  EXPECT_GT(largest(before), 0.02);
+  EXPECT_LT(largest(left), 5e-4);
+  EXPECT_GT(report["self_contacts"]["pressed_frames"].get<int>(), 0);
+  EXPECT_NEAR(report["self_contacts"]["depth_before_cm"].get<double>(), 100.0 * largest(before),
+              0.05);
+  EXPECT_NEAR(report["self_contacts"]["depth_cm"].get<double>(), 100.0 * largest(left), 0.05);
+  EXPECT_FALSE(plain_report.contains("self_contacts"));
+  EXPECT_EQ(report["limits"]["violations"].get<int>(), 0);
+  EXPECT_EQ(report["smoothness"]["pops"].get<int>(), 0);
+}
+
+TEST(SelfContacts, FramesFarFromAnyStayAsTheyAre) {
+  const Folder folder;
+  const Rig wide = biped(0.19), narrow = biped(0.10);
+  const std::string source = write_source(folder, wide, lowered_arms(wide, 78.0));
+  const std::string target = write_target(folder, narrow);
+  const auto with = import_file(retarget(folder, source, target, "on").first, {});
+  const auto without = import_file(retarget(folder, source, target, "off").first, {});
+  ASSERT_TRUE(with && without);
+  const auto same = [&](std::int64_t f) {
+    const auto a = with->clips.front().frame(f), b = without->clips.front().frame(f);
+    for (std::size_t j = 0; j < a.size(); ++j) {
+      if (rotation_angle(a[j].rotation(), b[j].rotation()) > 1e-7) return false;
+    }
+    return true;
+  };
+  EXPECT_TRUE(same(0));  // the arms are out sideways there
+  EXPECT_TRUE(same(1));
+  EXPECT_TRUE(same(kFrames - 1));
+  EXPECT_FALSE(same(kFrames / 2));
+}
+
+TEST(SelfContacts, WhatTouchesInTheSourceGoesOnTouching) {
+  const Folder folder;
+  const Rig narrow = biped(0.10);
+  const std::string source = write_source(folder, narrow, lowered_arms(narrow, 78.0));
+  const std::string target = write_target(folder, narrow);
+  const Target from = load(source), to = load(target);
+  const Depths touching = depths(source, from);
+  const auto [with, report] = retarget(folder, source, target, "on");
+  const Depths kept = depths(with, to);
+  double deepest = 0.0;
+  for (std::size_t f = 0; f < kept.size(); ++f) {
+    for (std::size_t a = 0; a < 4; ++a) {
+      for (std::size_t b = 0; b < 4; ++b) {
+        EXPECT_NEAR(kept[f][a][b], touching[f][a][b], 1e-3) << f;
+        deepest = std::max(deepest, touching[f][a][b]);
+      }
+    }
+  }
+  EXPECT_GT(deepest, 0.02);
 }
 
 }  // namespace

@@ -25,7 +25,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdlib>
 
 #include "pipeline/body_capsules.h"
 #include "solver/ik_solver.h"
@@ -36,12 +35,11 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-const double kEaseS = std::getenv("EASE") ? std::atof(std::getenv("EASE")) : 0.2;  // half a window
+constexpr double kEaseS = 0.15;    // half a window
 constexpr double kSettled = 1e-4;  // m: a lack that counts as none
 constexpr double kNothing = 1e-6;  // m: a push that does
-const int kRounds = std::getenv("ROUNDS") ? std::atoi(std::getenv("ROUNDS")) : 8;
-const double kFirm = std::getenv("FIRM") ? std::atof(std::getenv("FIRM"))
-                                         : 3.0;  // weight of effectors that are not an arm's
+constexpr int kRounds = 16;
+constexpr double kFirm = 30.0;  // weight of what is no arm's: trunk and legs stand
 
 /// [k] Weights of a smooth average over -reach .. reach, sum 1.
 std::vector<double> window(std::int64_t reach) {
@@ -124,7 +122,9 @@ class Separator {
       if (!solver) return solver.error();
       for (int round = 0; round<kRounds&& * std::ranges::max_element(lack_)> kSettled; ++round) {
         push_further();
-        for (std::int64_t f = 0; f < frames_; ++f) solve(*solver, f);
+        for (std::int64_t f = 0; f < frames_; ++f) {
+          if (changed_[f] != 0) solve(*solver, f);
+        }
         find_lack();
       }
     }
@@ -210,6 +210,7 @@ class Separator {
   }
 
   void push_further() {
+    changed_.assign(std::size_t(frames_), 0);
     for (std::size_t k = 0; k < plans_.size(); ++k) {
       PairPlan& plan = plans_[k];
       const std::vector<double>& lack = lack_of_[k];
@@ -219,7 +220,7 @@ class Separator {
       for (std::int64_t f = 0; f < frames_; ++f) {
         plan.lacked[f] += lack[f];
         plan.least[f] += more[f];
-        if (plan.least[f] > kNothing) figures_.pressed[f] = 1;
+        if (more[f] > kNothing) figures_.pressed[f] = changed_[f] = 1;
       }
       plan.mean_way = weighted_mean(plan.way, plan.lacked, 2 * reach_);
       plan.mean_point = weighted_mean(plan.point, plan.lacked, 2 * reach_);
@@ -301,6 +302,7 @@ class Separator {
   std::vector<PairPlan> plans_;        // [part_pairs()]
   std::vector<double> lack_;           // [frame] m
   std::vector<std::vector<double>> lack_of_;
+  std::vector<std::uint8_t> changed_;  // [frame] in this round
   SelfContactFigures figures_;
 };
 

@@ -41,6 +41,10 @@ constexpr double kNothing = 1e-6;  // m: a push that does
 constexpr int kRounds = 16;
 constexpr double kFirm = 30.0;  // weight of what is no arm's: trunk and legs stand
 
+bool some_lack(const std::vector<double>& lack) {
+  return *std::ranges::max_element(lack) > kSettled;
+}
+
 /// [k] Weights of a smooth average over -reach .. reach, sum 1.
 std::vector<double> window(std::int64_t reach) {
   std::vector<double> out;
@@ -117,10 +121,10 @@ class Separator {
     figures_.measured = true;
     figures_.before_m = lack_;
     figures_.pressed.assign(std::size_t(frames_), 0);
-    if (*std::ranges::max_element(lack_) > kSettled) {
+    if (some_lack(lack_)) {
       auto solver = make_solver();
       if (!solver) return solver.error();
-      for (int round = 0; round<kRounds&& * std::ranges::max_element(lack_)> kSettled; ++round) {
+      for (int round = 0; round < kRounds && some_lack(lack_); ++round) {
         push_further();
         for (std::int64_t f = 0; f < frames_; ++f) {
           if (changed_[f] != 0) solve(*solver, f);
@@ -214,7 +218,7 @@ class Separator {
     for (std::size_t k = 0; k < plans_.size(); ++k) {
       PairPlan& plan = plans_[k];
       const std::vector<double>& lack = lack_of_[k];
-      if (*std::ranges::max_element(lack) <= kSettled) continue;
+      if (!some_lack(lack)) continue;
       plan.pushes = true;
       const std::vector<double> more = smooth_cover(lack, reach_);
       for (std::int64_t f = 0; f < frames_; ++f) {
@@ -261,6 +265,7 @@ class Separator {
       apart.point_a = plan.mean_point[frame];
       apart.point_b = model[base.joint_b].conjugate().transform_point(base.on_b);
       apart.normal = (turned * plan.mean_way[frame]).stableNormalized();
+      if (!(apart.normal.squaredNorm() > 0.5)) continue;  // the source lacks the part
       const Vector3d a = model[base.joint_a].transform_point(apart.point_a);
       apart.least = apart.normal.dot(a - base.on_b) + plan.least[frame];
       out.push_back(apart);

@@ -25,6 +25,8 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdio>
+#include <cstdlib>
 
 #include "pipeline/body_capsules.h"
 #include "solver/ik_solver.h"
@@ -141,6 +143,9 @@ class Separator {
   bool place_capsules() {
     capsules_ = body_capsules(target_.figure, target_.calibration);
     rig_.collisions.clear();
+    for (RigEffector& e : rig_.effectors) {
+      if (e.kind != EffectorKind::direction) e.weight_rot *= std::atof(std::getenv("HR"));
+    }
     for (PartCapsule& c : capsules_) {
       const auto row = std::ranges::find(target_.joint_of_row, c.joint);
       c.joint = static_cast<std::int32_t>(row - target_.joint_of_row.begin());
@@ -247,7 +252,8 @@ class Separator {
     if (apart.empty()) return;
     solver.keep_apart(apart);
     solver.forget();
-    solver.solve(goals(frame, model), clip_.frame(frame));
+    const IkReport rep = solver.solve(goals(frame, model), clip_.frame(frame));
+    if (std::getenv("REP")) std::fprintf(stderr, "%ld rel %d conv %d viol %.2e cost %.3e n %zu\n", long(frame), rep.relinearisations, rep.converged, rep.row_violation, rep.cost, apart.size());
   }
 
   std::vector<Separation> separations(std::int64_t frame,

@@ -155,7 +155,7 @@ double largest(const std::vector<double>& x) { return *std::ranges::max_element(
 
 TEST(SelfContacts, PartsStayAsFarApartAsTheSources) {
   const Folder folder;
-  const Rig wide = biped(0.19), narrow = biped(0.10);
+  const Rig wide = biped(0.19), narrow = biped(0.02);
   const std::string source = write_source(folder, wide, lowered_arms(wide, 78.0));
   const std::string target = write_target(folder, narrow);
   const Target from = load(source), to = load(target);
@@ -179,7 +179,7 @@ TEST(SelfContacts, PartsStayAsFarApartAsTheSources) {
 
 TEST(SelfContacts, FramesFarFromAnyStayAsTheyAre) {
   const Folder folder;
-  const Rig wide = biped(0.19), narrow = biped(0.10);
+  const Rig wide = biped(0.19), narrow = biped(0.02);
   const std::string source = write_source(folder, wide, lowered_arms(wide, 78.0));
   const std::string target = write_target(folder, narrow);
   const auto with = import_file(retarget(folder, source, target, "on").first, {});
@@ -200,7 +200,7 @@ TEST(SelfContacts, FramesFarFromAnyStayAsTheyAre) {
 
 TEST(SelfContacts, WhatTouchesInTheSourceGoesOnTouching) {
   const Folder folder;
-  const Rig narrow = biped(0.10);
+  const Rig narrow = biped(0.02);
   const std::string source = write_source(folder, narrow, lowered_arms(narrow, 78.0));
   const std::string target = write_target(folder, narrow);
   const Target from = load(source), to = load(target);

@@ -25,8 +25,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstdio>
-#include <cstdlib>
 
 #include "pipeline/body_capsules.h"
 #include "solver/ik_solver.h"
@@ -42,6 +40,7 @@ constexpr double kSettled = 1e-4;  // m: a lack that counts as none
 constexpr double kNothing = 1e-6;  // m: a push that does
 constexpr int kRounds = 16;
 constexpr double kFirm = 30.0;  // weight of what is no arm's: trunk and legs stand
+constexpr double kStiff = 4.0;  // weight of how hands and fingers are turned: they come along
 
 bool some_lack(const std::vector<double>& lack) {
   return *std::ranges::max_element(lack) > kSettled;
@@ -143,8 +142,8 @@ class Separator {
   bool place_capsules() {
     capsules_ = body_capsules(target_.figure, target_.calibration);
     rig_.collisions.clear();
-    for (RigEffector& e : rig_.effectors) {
-      if (e.kind != EffectorKind::direction) e.weight_rot *= std::atof(std::getenv("HR"));
+    for (RigEffector& effector : rig_.effectors) {
+      if (is_hand(rig_.joints[effector.joint].role)) effector.weight_rot *= kStiff;
     }
     for (PartCapsule& c : capsules_) {
       const auto row = std::ranges::find(target_.joint_of_row, c.joint);
@@ -252,8 +251,7 @@ class Separator {
     if (apart.empty()) return;
     solver.keep_apart(apart);
     solver.forget();
-    const IkReport rep = solver.solve(goals(frame, model), clip_.frame(frame));
-    if (std::getenv("REP")) std::fprintf(stderr, "%ld rel %d conv %d viol %.2e cost %.3e n %zu\n", long(frame), rep.relinearisations, rep.converged, rep.row_violation, rep.cost, apart.size());
+    solver.solve(goals(frame, model), clip_.frame(frame));
   }
 
   std::vector<Separation> separations(std::int64_t frame,
@@ -298,6 +296,11 @@ class Separator {
     if (!known) return false;
     const Role left = side_of(*known) == Side::right ? mirrored(*known) : *known;
     return left >= Role::leftShoulder && left <= Role::leftLittleDistal;
+  }
+
+  static bool is_hand(const std::string& role) {
+    const auto known = role_named(role);
+    return known && (*known == Role::leftHand || *known == Role::rightHand || is_finger(*known));
   }
 
   const SourceMotion& source_;

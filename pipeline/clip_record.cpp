@@ -161,6 +161,15 @@ json contacts_json(const MotionMetrics& metrics) {
           {"intervals", metrics.intervals}};
 }
 
+json self_contacts_json(const SelfContactFigures& figures) {
+  const auto largest_cm = [](const std::vector<double>& depth_m) {
+    return depth_m.empty() ? 0.0 : rounded(1e2 * *std::ranges::max_element(depth_m));
+  };
+  return {{"pressed_frames", figures.pressed_frames()},
+          {"depth_before_cm", largest_cm(figures.before_m)},
+          {"depth_cm", largest_cm(figures.left_m)}};
+}
+
 json certificate_json(const std::vector<FileCheck>& checks) {
   json files = json::array();
   const FileCheck worst = worst_of(checks);
@@ -237,6 +246,9 @@ void add_result(json& out, const ClipRecord& record) {
   if (!record.checks.empty()) out["limits"] = limits_json(record);
   if (record.metrics) {
     if (!record.metrics->feet.empty()) out["contacts"] = contacts_json(*record.metrics);
+    if (result.self_contacts.measured) {
+      out["self_contacts"] = self_contacts_json(result.self_contacts);
+    }
     out["smoothness"] = {
         {"jerk_ratio", rounded(record.metrics->jerk_ratio)},
         {"max_angular_velocity_ratio", rounded(record.metrics->max_angular_velocity_ratio)},

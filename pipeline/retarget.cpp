@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "pipeline/clip_passes.h"
+#include "pipeline/self_contacts.h"
 #include "solver/swing_twist.h"
 #include "validation/ceres_refiner.h"
 
@@ -48,20 +50,13 @@ void release_carried(Rig& rig, const EffectorTrack& track) {
   }
 }
 
-/// One solution of the whole clip: poses and their costs.
-struct Pass {
-  std::vector<DualQuaternion> poses;  ///< [frame * rows + row]
-  std::vector<double> cost;           ///< [frame], m^2
-};
-
 /// Solves a clip in passes and joins the best of them.
 ///
 /// A frame may have several local minima (an arm behind the back, a limit that can be passed on
 /// either side), and the best one may change from frame to frame; taking it every time makes the
 /// motion jump. So each frame is solved three times: from its own first guess, from the frame
 /// before and from the frame after. Where they differ, the cheapest way through the clip is taken
-/// (dynamic programming over frames), in which a jump between solutions costs kJumpCost per squared
-/// radian.
+/// (see join_passes).
 class ClipSolver {
  public:
   ClipSolver(const RetargetOptions& options, Retargeted& out)
@@ -88,45 +83,36 @@ class ClipSolver {
     if (options_.solver != SolverChoice::ceres) {
       out_.solver.relinearisations.assign(static_cast<std::size_t>(frames_), 0.0);
     }
-    Pass from_guess = empty_pass(), forward = empty_pass(), backward = empty_pass();
+    Pass from_guess(frames_, rows_), forward(frames_, rows_), backward(frames_, rows_);
     for (std::int64_t f = 0; f < frames_; ++f) {
       if (auto r = solve(f, guess(f), from_guess); !r) return r;
     }
     for (std::int64_t f = 0; f < frames_; ++f) {
-      if (auto r = solve(f, f == 0 ? guess(f) : pose(forward, f - 1), forward); !r) return r;
+      if (auto r = solve(f, f == 0 ? guess(f) : forward.pose(f - 1), forward); !r) return r;
     }
     for (std::int64_t f = frames_ - 1; f >= 0; --f) {
-      const bool settled = same(from_guess, forward, f);
+      const bool settled = same_solution(from_guess, forward, f);
       if (settled) {
-        std::ranges::copy(pose(forward, f), pose(backward, f).begin());
+        std::ranges::copy(forward.pose(f), backward.pose(f).begin());
         backward.cost[f] = forward.cost[f];
-      } else if (auto r = solve(f, f == frames_ - 1 ? guess(f) : pose(backward, f + 1), backward);
+      } else if (auto r = solve(f, f == frames_ - 1 ? guess(f) : backward.pose(f + 1), backward);
                  !r) {
         return r;
       }
     }
-    join({&from_guess, &forward, &backward});
+    out_.rig_clip.parent_from_joint =
+        join_passes(std::array<const Pass*, 3>{&from_guess, &forward, &backward});
     return {};
   }
 
  private:
-  static constexpr double kJumpCost = 0.01;  // m^2 per rad^2
-  static constexpr double kSameRad = 1e-3;   // poses closer than this are one solution
-
-  Pass empty_pass() const {
-    return {std::vector<DualQuaternion>(std::size_t(frames_) * rows_),
-            std::vector<double>(static_cast<std::size_t>(frames_))};
-  }
-  std::span<DualQuaternion> pose(Pass& pass, std::int64_t f) const {
-    return {pass.poses.data() + f * std::int64_t(rows_), rows_};
-  }
   std::span<const DualQuaternion> guess(std::int64_t f) const {
     return {out_.track.guess.data() + f * std::int64_t(rows_), rows_};
   }
 
   /// Solves frame f from `start` (projected into the limits first) into the pass.
   Result<void> solve(std::int64_t f, std::span<const DualQuaternion> start, Pass& pass) {
-    const std::span<DualQuaternion> result = pose(pass, f);
+    const std::span<DualQuaternion> result = pass.pose(f);
     std::ranges::copy(start, result.begin());
     follow_guess(f, result);
     project_into_limits(out_.rig, result);
@@ -152,41 +138,6 @@ class ClipSolver {
       const RigJoint& row = out_.rig.joints[i];
       const bool carried = row.type == JointType::ball && !row.limited() && row.role.empty();
       if (carried || held_[i] == 0) result[i] = guess(f)[i];
-    }
-  }
-
-  double turn2(std::span<const DualQuaternion> a, std::span<const DualQuaternion> b) const {
-    double sum = 0.0;
-    for (std::size_t i = 0; i < rows_; ++i) {
-      const double angle = rotation_angle(a[i].rotation(), b[i].rotation());
-      sum += angle * angle;
-    }
-    return sum;
-  }
-  bool same(Pass& a, Pass& b, std::int64_t f) const {
-    return turn2(pose(a, f), pose(b, f)) < kSameRad * kSameRad;
-  }
-
-  void join(std::array<Pass*, 3> passes) {
-    constexpr std::size_t n = 3;
-    std::vector<std::array<double, n>> best(static_cast<std::size_t>(frames_));
-    std::vector<std::array<std::uint8_t, n>> came_from(static_cast<std::size_t>(frames_));
-    for (std::size_t k = 0; k < n; ++k) best[0][k] = passes[k]->cost[0];
-    for (std::int64_t f = 1; f < frames_; ++f) {
-      for (std::size_t k = 0; k < n; ++k) {
-        best[f][k] = std::numeric_limits<double>::infinity();
-        for (std::size_t j = 0; j < n; ++j) {
-          const double jump = kJumpCost * turn2(pose(*passes[j], f - 1), pose(*passes[k], f));
-          const double cost = best[f - 1][j] + jump + passes[k]->cost[f];
-          if (cost < best[f][k]) best[f][k] = cost, came_from[f][k] = static_cast<std::uint8_t>(j);
-        }
-      }
-    }
-    auto k = static_cast<std::size_t>(std::ranges::min_element(best.back()) - best.back().begin());
-    out_.rig_clip.parent_from_joint.resize(std::size_t(frames_) * rows_);
-    for (std::int64_t f = frames_ - 1; f >= 0; --f) {
-      std::ranges::copy(pose(*passes[k], f), out_.rig_clip.frame(f).begin());
-      k = came_from[f][k];
     }
   }
 
@@ -267,6 +218,8 @@ std::vector<std::int64_t> frames_to_refine(const Retargeted& out) {
   }
   std::sort(frames.begin(), frames.end());
   frames.erase(std::unique(frames.begin(), frames.end()), frames.end());
+  // Ceres knows nothing of parts that push each other.
+  std::erase_if(frames, [&](std::int64_t f) { return out.self_contacts.presses(f); });
   return frames;
 }
 
@@ -297,6 +250,9 @@ void cut(Retargeted& out, std::int64_t first, std::int64_t last) {
   keep(track.left_contact);
   keep(track.right_contact);
   keep(out.rig_clip.parent_from_joint);
+  keep(out.self_contacts.pressed);
+  keep(out.self_contacts.before_m);
+  keep(out.self_contacts.left_m);
   out.rig_clip.start_s += double(first) / out.rig_clip.rate_hz;
   track.frames = last - first + 1;
 }
@@ -316,6 +272,11 @@ Result<Retargeted> retarget_clip(const SourceMotion& source, const Target& targe
   out.rig_clip.start_s = source.clip->start_s;
   out.rig_clip.name = source.clip->name;
   if (auto r = ClipSolver(options, out).run(); !r) return r.error();
+  if (options.collision) {
+    auto contacts = keep_parts_apart(source, target, out.rig, out.track, out.rig_clip);
+    if (!contacts) return contacts.error();
+    out.self_contacts = std::move(*contacts);
+  }
   if (options.range) cut(out, options.range->first, options.range->second);
 
   out.clip = out.rig_clip;

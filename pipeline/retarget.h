@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "pipeline/effectors.h"
+#include "pipeline/self_contacts.h"
 #include "pipeline/target.h"
 #include "validation/limit_check.h"
 
@@ -69,6 +70,7 @@ struct Retargeted {
   double source_excess_deg = 0.0;                   ///< largest, of the bent joints
   std::vector<double> frame_excess_deg;             ///< [frame] the source's, largest of any joint
   std::vector<std::int32_t> frame_joints_at_limit;  ///< [frame] how many stand on a limit
+  SelfContactFigures self_contacts;
   RefineFigures refine;
   Warnings warnings;
 };

@@ -61,6 +61,14 @@ bool is_end(double parameter) { return parameter == 0.0 || parameter == 1.0; }
 
 }  // namespace
 
+CapsuleGap capsule_gap(const Capsule& a, const Capsule& b) {
+  const Vector3d u = a.to - a.from, v = b.to - b.from;
+  const Nearest near = nearest_points(a.from, u, b.from, v);
+  CapsuleGap out{0.0, a.from + near.s * u, b.from + near.t * v};
+  out.gap = (out.on_a - out.on_b).norm() - a.radius - b.radius;
+  return out;
+}
+
 CapsuleContacts::CapsuleContacts(const Rig& rig, const IkTree& tree) {
   std::vector<std::int32_t> first_body;
   std::vector<Body> at_rest;
@@ -105,9 +113,7 @@ void CapsuleContacts::add_pairs(const Rig& rig, const std::vector<std::int32_t>&
     for (std::int32_t a = first_body[joints.joint_a]; a < first_body[joints.joint_a + 1]; ++a) {
       for (std::int32_t b = first_body[joints.joint_b]; b < first_body[joints.joint_b + 1]; ++b) {
         const Body &p = at_rest[a], &q = at_rest[b];
-        const Vector3d u = p.to - p.from, v = q.to - q.from;
-        const Nearest near = nearest_points(p.from, u, q.from, v);
-        const double gap = (p.from + near.s * u - q.from - near.t * v).norm() - p.radius - q.radius;
+        const double gap = capsule_gap({p.from, p.to, p.radius}, {q.from, q.to, q.radius}).gap;
         if (gap < -kRestOverlap * std::min(p.radius, q.radius)) continue;
         pairs_.push_back({a, b, std::min(gap, 0.0)});
       }

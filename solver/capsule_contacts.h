@@ -8,6 +8,13 @@
 
 namespace limber {
 
+/// Where two capsules of one space are nearest to each other, m.
+struct CapsuleGap {
+  double gap = 0.0;             ///< between the surfaces; below 0 they overlap
+  Eigen::Vector3d on_a, on_b;  ///< on the capsules' axes
+};
+CapsuleGap capsule_gap(const Capsule& a, const Capsule& b);
+
 /// Two capsules that are near each other, at one place of their surfaces. World space, metres.
 struct CapsuleContact {
   std::int32_t pair = 0;                  ///< of capsules, fixed for a rig

@@ -40,7 +40,7 @@ constexpr int kChords = 2;              // steps more with the same factors
 IkDescent::IkDescent(const Rig& source, const IkOptions& chosen)
     : rig(source),
       options(chosen),
-      tree(source, chosen.collision),
+      tree(source, chosen.collision || chosen.separations > 0),
       elimination(tree),
       goals(tree.effectors.size()),
       now(tree.make_state()),

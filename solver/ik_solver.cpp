@@ -185,7 +185,7 @@ IkSolver::~IkSolver() = default;
 Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
   if (Result<void> valid = validate(rig); !valid) return valid.error();
   if (!(options.damping > 0.0) || options.max_relinearisations < 1 || options.sweeps < 1 ||
-      !(options.stop_step >= 0.0) || options.restarts < 0 || !(options.dt >= 0.0) ||
+      !(options.stop_step >= 0.0) || options.restarts < 0 || options.separations < 0 || !(options.dt >= 0.0) ||
       !(options.relaxation > 0.0 && options.relaxation < 2.0)) {
     return Error{.code = "solver-options",
                  .message =
@@ -197,15 +197,18 @@ Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
     return e.relative_to != kNoJoint || e.priority != 0;
   });
   if (options.method == IkMethod::pgs_paper &&
-      (rowed || !rig.couplings.empty() || options.collision || options.dt > 0.0)) {
+      (rowed || !rig.couplings.empty() || options.collision || options.separations > 0 ||
+       options.dt > 0.0)) {
     return Error{.code = "solver-options",
                  .message =
                      "pgs-paper has no rows that join branches: no relative effectors, "
-                     "priorities, couplings, collision or speeds",
+                     "priorities, couplings, collision, separations or speeds",
                  .hint = "use pgs for this rig"};
   }
   return IkSolver(std::make_unique<State>(rig, options));
 }
+
+void IkSolver::keep_apart(std::span<const Separation> apart) { state_->rows.keep_apart(apart); }
 
 void IkSolver::forget() { state_->rows_now.rows.clear(); }
 

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <cstdint>
 #include <memory>
 #include <span>
@@ -17,6 +18,14 @@ namespace limber {
 struct EffectorTarget {
   DualQuaternion pose;
   double weight = 1.0;
+};
+
+/// Two points that are to stay apart along a direction: normal . (a - b) >= least.
+struct Separation {
+  std::int32_t joint_a = 0, joint_b = 0;
+  Eigen::Vector3d point_a, point_b;  ///< in their joints' spaces, m
+  Eigen::Vector3d normal;            ///< unit, world space
+  double least = 0.0;                ///< m
 };
 
 enum class IkMethod : std::uint8_t {
@@ -52,6 +61,9 @@ struct IkOptions {
   bool measure_residual = true;
   /// pgs: keep the rig's capsules apart (see collision_pairs), within 1e-5 m where it can be done.
   bool collision = false;
+  /// pgs: how many Separations a frame may have at most, see IkSolver::keep_apart. They may name
+  /// joints that carry effectors, those above them, and those of collision_pairs(rig).
+  int separations = 0;
   /// s between frames: what joints' max_speed needs. 0: speeds are not limited.
   double dt = 0.0;
 };
@@ -93,6 +105,10 @@ class IkSolver {
   /// Rows start from the multipliers that the solve before ended with, as the frames of a clip do
   /// best. This forgets them: call it where a clip begins, so that its answer is its own.
   void forget();
+
+  /// Points that stay apart, within 1e-5 m where it can be done, from the next solve on; at most
+  /// IkOptions::separations.
+  void keep_apart(std::span<const Separation>);
 
   /// The next frame of a clip: as solve(), but starts from the answers to the calls before, keeps
   /// their active limits and damping, and what the targets leave open goes on calmly. Whatever

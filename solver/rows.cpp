@@ -19,7 +19,8 @@
 // Coupling: q_to - ratio q_from - offset = 0. Speed: +-(q - q_previous) <= max_speed dt, where the
 // tree's boxes cannot say it: under an ellipse, and for rotations without limits, whose difference
 // is log(R R_previous') in the axes that their steps turn about. Contact: gap + n.(v_a - v_b) >= 0
-// with the velocities at the contact.
+// with the velocities at the contact. Separation: n.(a - b) - least >= 0, its velocities both taken
+// at a: exact for a, and for b but for its turning, while a - b is not along n.
 #include "solver/rows.h"
 
 #include <algorithm>
@@ -36,7 +37,7 @@ using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
 constexpr std::int64_t kCouplingId = std::int64_t(1) << 32, kSpeedId = std::int64_t(2) << 32,
-                       kContactId = std::int64_t(3) << 32;
+                       kContactId = std::int64_t(3) << 32, kApartId = std::int64_t(4) << 32;
 constexpr double kHeld = 1e-7;      // m, m/rad: what counts as held
 constexpr double kCoupled = 1e-6;   // rad, m
 constexpr double kSpeed = 1e-6;     // rad, m
@@ -95,9 +96,12 @@ IkRows::IkRows(const Rig& rig, const IkTree& tree, const IkOptions& options)
     }
   }
   collision_ = collision_ && capsules_.pair_count() > 0;
-  none_ = none_ && levels_.size() <= 1 && couplings_.empty() && speeds_.empty() && !collision_;
+  none_ = none_ && levels_.size() <= 1 && couplings_.empty() && speeds_.empty() && !collision_ &&
+          options.separations == 0;
   capacity_ =
-      6 * links_.size() + couplings_.size() + 2 * speeds_.size() + (collision_ ? kMaxContacts : 0);
+      6 * links_.size() + couplings_.size() + 2 * speeds_.size() + (collision_ ? kMaxContacts : 0) +
+      static_cast<std::size_t>(options.separations);
+  separations_.reserve(static_cast<std::size_t>(options.separations));
   if (collision_) contacts_.reserve(kMaxContacts);
 }
 
@@ -239,6 +243,28 @@ void IkRows::add_contacts(const IkKinematics& kinematics, RowPlace& place) {
   }
 }
 
+void IkRows::add_separations(const IkKinematics& kinematics, RowPlace& place) const {
+  for (std::size_t i = 0; i < separations_.size(); ++i) {
+    const Separation& apart = separations_[i];
+    Row row;
+    row.id = kApartId + static_cast<std::int64_t>(i);
+    row.node_a = tree_.node_of[apart.joint_a];
+    row.node_b = tree_.node_of[apart.joint_b];
+    if (row.node_a == row.node_b) continue;
+    Quaterniond unused = Quaterniond::Identity();
+    Vector3d a = tree_.node_from_joint[apart.joint_a].transform_point(apart.point_a);
+    Vector3d b = tree_.node_from_joint[apart.joint_b].transform_point(apart.point_b);
+    to_world(row.node_a, kinematics, unused, a);
+    to_world(row.node_b, kinematics, unused, b);
+    row.force = apart.normal;
+    row.point = a;
+    row.value = apart.normal.dot(a - b) - apart.least;
+    row.one_sided = true;
+    row.tolerance = kTouching;
+    place.rows.push_back(row);
+  }
+}
+
 void IkRows::judge(RowPlace& place) const {
   place.cost = place.excess = place.worst = 0.0;
   for (const Row& row : place.rows) {
@@ -269,6 +295,7 @@ void IkRows::build(const IkState& state, const IkKinematics& kinematics, RowPlac
   }
   add_speeds(state, place);
   if (collision_) add_contacts(kinematics, place);
+  add_separations(kinematics, place);
   judge(place);
 }
 

@@ -41,6 +41,10 @@ class IkRows {
            std::span<IkGoal> goals);
   /// Goals for all levels at once, nothing held: for measuring.
   void aim_at_all(std::span<const EffectorTarget>, std::span<IkGoal> goals);
+  /// See IkSolver::keep_apart.
+  void keep_apart(std::span<const Separation> apart) {
+    separations_.assign(apart.begin(), apart.end());
+  }
   /// Speeds count from `previous`.
   void set_previous(const IkState& previous) { previous_ = previous; }
 
@@ -76,6 +80,7 @@ class IkRows {
   void add_link(std::size_t effector, const IkKinematics&, RowPlace&) const;
   void add_speeds(const IkState&, RowPlace&) const;
   void add_contacts(const IkKinematics&, RowPlace&);
+  void add_separations(const IkKinematics&, RowPlace&) const;
   void judge(RowPlace&) const;
 
   const IkTree& tree_;
@@ -90,6 +95,7 @@ class IkRows {
   IkState previous_;
   bool collision_ = false;
   CapsuleContacts capsules_;
+  std::vector<Separation> separations_;
   std::vector<CapsuleContact> contacts_;
 };
 

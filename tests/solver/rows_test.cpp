@@ -1,4 +1,5 @@
-// What rows make of a rig: hands together, fingers that move together, levels, speeds, capsules.
+// What rows make of a rig: hands together, fingers that move together, levels, speeds, capsules,
+// points that stay apart.
 #include "solver/rows.h"
 
 #include <gtest/gtest.h>
@@ -370,8 +371,8 @@ TEST(Speeds, NoCoordinateMovesFasterThanItMay) {
   }
 }
 
-TEST(Capsules, FingersStopWhereTheyTouch) {
-  // Two hinged rods side by side, 5 cm apart, 3 cm thick; both are pulled across each other.
+/// Two hinged rods side by side, 5 cm apart, 3 cm thick.
+Rig two_rods() {
   Rig rig;
   rig.joints.resize(3);
   rig.joints[0].name = "palm";
@@ -389,9 +390,18 @@ TEST(Capsules, FingersStopWhereTheyTouch) {
     rig.effectors[i].offset = {0.3, 0, 0};
     rig.effectors[i].kind = EffectorKind::position;
   }
-  std::vector<EffectorTarget> targets{
-      {.pose = DualQuaternion::from_translation({0.28, 0.125, 0})},
-      {.pose = DualQuaternion::from_translation({0.28, -0.075, 0})}};
+  return rig;
+}
+
+/// Pulls both rods across each other.
+std::vector<EffectorTarget> crossing_tips() {
+  return {{.pose = DualQuaternion::from_translation({0.28, 0.125, 0})},
+          {.pose = DualQuaternion::from_translation({0.28, -0.075, 0})}};
+}
+
+TEST(Capsules, FingersStopWhereTheyTouch) {
+  const Rig rig = two_rods();
+  const auto targets = crossing_tips();
   Pose pose = rest_pose(rig);
   const IkReport report =
       make_solver(rig, {.stop_at_tolerance = false, .collision = true}).solve(targets, pose);
@@ -403,6 +413,31 @@ TEST(Capsules, FingersStopWhereTheyTouch) {
   EXPECT_NEAR(0.5 * (a.y() + b.y()), 0.025, 1e-4);
   EXPECT_GT(report.active_rows, 0);
   EXPECT_LT(report.row_violation, 1e-4);
+}
+
+TEST(Separations, PointsStayApartAlongTheirDirection) {
+  const Rig rig = two_rods();
+  const auto targets = crossing_tips();
+  const Vector3d tip(0.3, 0, 0);
+  IkSolver solver = make_solver(rig, {.stop_at_tolerance = false, .separations = 2});
+  const auto tips_apart = [&](double least) {
+    const Separation apart{2, 1, tip, tip, Vector3d::UnitY(), least};
+    solver.keep_apart({&apart, 1});
+    solver.forget();
+    Pose pose = rest_pose(rig);
+    solver.solve(targets, pose);
+    const Pose world = test::world_of(rig, pose);
+    return std::pair(world[1].transform_point(tip), world[2].transform_point(tip));
+  };
+  // By symmetry about y = 2.5 cm each gives way by half; one that asks for less than there is,
+  // none.
+  for (const double least : {0.04, 0.0, -0.06}) {
+    const auto [a, b] = tips_apart(least);
+    EXPECT_NEAR(b.y() - a.y(), least, 2e-5);
+    EXPECT_NEAR(0.5 * (a.y() + b.y()), 0.025, 1e-4);
+  }
+  const auto [a, b] = tips_apart(-1.0);
+  EXPECT_LT(b.y() - a.y(), -0.1);
 }
 
 TEST(Rows, SolvingAllocatesNothing) {

@@ -1,0 +1,169 @@
+// Bodies as capsules.
+//
+// Widths of people go with their height: in units of g, the geometric mean of the stature that the
+// chains of bones give and the one that the legs give (a leg, hip to ankle, is 0.485 of a stature;
+// R. Drillis, R. Contini, Body Segment Parameters, 1966), a torso has a radius of 0.070, a head
+// 0.050, a thigh 0.045, a forearm 0.022, a hand 0.018.
+#include "pipeline/body_capsules.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "solver/capsule_contacts.h"
+
+namespace limber {
+namespace {
+
+using Eigen::Vector3d;
+
+constexpr double kLegOfStature = 0.485;
+constexpr double kHeadAndSoles = 1.19;                  // stature over ankle to hip to head joint
+constexpr double kTorsoBegin = 0.10, kTorsoEnd = 0.85;  // of hips to shoulders
+constexpr double kHeadBegin = 0.03, kHeadEnd = 0.075;   // of the scale, above the head joint
+constexpr double kForearmBegin = 0.35;                  // of elbow to wrist: folded arms meet there
+constexpr double kHandLength = 0.055;                   // of the scale
+constexpr std::array<double, kBodyPartCount> kRadius = {0.070, 0.050, 0.045, 0.045,
+                                                        0.022, 0.022, 0.018, 0.018};
+
+constexpr std::array<PartPair, 20> kPairs = {{
+    {BodyPart::leftForearm, BodyPart::torso},        {BodyPart::leftForearm, BodyPart::head},
+    {BodyPart::leftForearm, BodyPart::leftThigh},    {BodyPart::leftForearm, BodyPart::rightThigh},
+    {BodyPart::leftHand, BodyPart::torso},           {BodyPart::leftHand, BodyPart::head},
+    {BodyPart::leftHand, BodyPart::leftThigh},       {BodyPart::leftHand, BodyPart::rightThigh},
+    {BodyPart::rightForearm, BodyPart::torso},       {BodyPart::rightForearm, BodyPart::head},
+    {BodyPart::rightForearm, BodyPart::leftThigh},   {BodyPart::rightForearm, BodyPart::rightThigh},
+    {BodyPart::rightHand, BodyPart::torso},          {BodyPart::rightHand, BodyPart::head},
+    {BodyPart::rightHand, BodyPart::leftThigh},      {BodyPart::rightHand, BodyPart::rightThigh},
+    {BodyPart::leftForearm, BodyPart::rightForearm}, {BodyPart::leftForearm, BodyPart::rightHand},
+    {BodyPart::leftHand, BodyPart::rightForearm},    {BodyPart::leftHand, BodyPart::rightHand},
+}};
+
+/// The capsules of one figure, built in its T-pose.
+class Body {
+ public:
+  Body(const Figure& figure, const Calibration& calibration)
+      : figure_(figure), calibration_(calibration), scale_(girth_scale(figure, calibration)) {}
+
+  std::vector<PartCapsule> run() {
+    add_torso();
+    if (figure_.has(Role::head)) {
+      const std::int32_t head = figure_.at(Role::head);
+      const Vector3d up = scale_ * Vector3d::UnitY();
+      add(BodyPart::head, head, position(head) + kHeadBegin * up, position(head) + kHeadEnd * up);
+    }
+    for (const Side side : {Side::left, Side::right}) add_limbs(side);
+    return std::move(out_);
+  }
+
+ private:
+  Vector3d position(std::int32_t joint) const { return calibration_.position(joint); }
+  Vector3d between(Role left, Role right) const {
+    return 0.5 * (position(figure_.at(left)) + position(figure_.at(right)));
+  }
+
+  /// From and to in the T-pose's space.
+  void add(BodyPart part, std::int32_t joint, const Vector3d& from, const Vector3d& to) {
+    const DualQuaternion joint_from_model = calibration_.model_from_joint[joint].conjugate();
+    out_.push_back({part,
+                    joint,
+                    {joint_from_model.transform_point(from), joint_from_model.transform_point(to),
+                     scale_ * kRadius[static_cast<std::size_t>(part)]}});
+  }
+
+  /// The line from hips to shoulders, cut where the spine's joints are.
+  void add_torso() {
+    if (!figure_.has(Role::leftUpperArm) || !figure_.has(Role::rightUpperArm)) return;
+    const Vector3d from = between(Role::leftUpperLeg, Role::rightUpperLeg);
+    const Vector3d along = between(Role::leftUpperArm, Role::rightUpperArm) - from;
+    double begin = kTorsoBegin;
+    std::int32_t carrier = figure_.root();
+    for (const std::int32_t joint : figure_.spine) {
+      const double end =
+          std::min((position(joint) - from).dot(along) / along.squaredNorm(), kTorsoEnd);
+      if (end > begin) {
+        add(BodyPart::torso, carrier, from + begin * along, from + end * along);
+        begin = end;
+      }
+      carrier = joint;
+    }
+    if (begin < kTorsoEnd) {
+      add(BodyPart::torso, carrier, from + begin * along, from + kTorsoEnd * along);
+    }
+  }
+
+  void add_limbs(Side side) {
+    const bool left = side == Side::left;
+    const auto on = [&](Role role) { return figure_.at(on_side(role, side)); };
+    const std::int32_t hip = on(Role::leftUpperLeg), knee = on(Role::leftLowerLeg);
+    if (hip != kNoJoint && knee != kNoJoint) {
+      add(left ? BodyPart::leftThigh : BodyPart::rightThigh, hip, position(hip), position(knee));
+    }
+    const std::int32_t elbow = on(Role::leftLowerArm), wrist = on(Role::leftHand);
+    if (elbow == kNoJoint || wrist == kNoJoint) return;
+    const Vector3d lower = position(wrist) - position(elbow);
+    add(left ? BodyPart::leftForearm : BodyPart::rightForearm, elbow,
+        position(elbow) + kForearmBegin * lower, position(wrist));
+    Vector3d ahead = calibration_.model_from_joint[wrist].rotation() * calibration_.tip[wrist];
+    if (ahead.norm() < 1e-6) ahead = lower;
+    add(left ? BodyPart::leftHand : BodyPart::rightHand, wrist, position(wrist),
+        position(wrist) + kHandLength * scale_ * ahead.stableNormalized());
+  }
+
+  const Figure& figure_;
+  const Calibration& calibration_;
+  double scale_;
+  std::vector<PartCapsule> out_;
+};
+
+}  // namespace
+
+std::span<const PartPair> part_pairs() { return kPairs; }
+
+double girth_scale(const Figure& figure, const Calibration& calibration) {
+  if (!figure.is_body()) return calibration.height;
+  // From between the hip joints: what moves as the hips may have its joint on the floor.
+  Vector3d below = 0.5 * (calibration.position(figure.at(Role::leftUpperLeg)) +
+                          calibration.position(figure.at(Role::rightUpperLeg)));
+  double trunk = 0.0;
+  const auto climb = [&](std::int32_t joint) {
+    if (joint == kNoJoint) return;
+    trunk += (calibration.position(joint) - below).norm();
+    below = calibration.position(joint);
+  };
+  for (const std::int32_t joint : figure.spine) climb(joint);
+  for (const std::int32_t joint : figure.neck) climb(joint);
+  climb(figure.at(Role::head));
+  const double leg = calibration.leg_length;
+  if (!(leg > 0.0) || !(trunk > 0.0)) return calibration.height;
+  return std::sqrt(kHeadAndSoles * (leg + trunk) * leg / kLegOfStature);
+}
+
+std::vector<PartCapsule> body_capsules(const Figure& figure, const Calibration& calibration) {
+  if (!figure.is_body()) return {};
+  return Body(figure, calibration).run();
+}
+
+void part_gaps(std::span<const PartCapsule> capsules,
+               std::span<const DualQuaternion> model_from_joint, std::span<PartGap> gaps) {
+  std::ranges::fill(gaps, PartGap{});
+  std::vector<Capsule> placed;
+  placed.reserve(capsules.size());
+  for (const PartCapsule& c : capsules) {
+    const DualQuaternion& world = model_from_joint[c.joint];
+    placed.push_back({world.transform_point(c.capsule.from), world.transform_point(c.capsule.to),
+                      c.capsule.radius});
+  }
+  for (std::size_t k = 0; k < kPairs.size(); ++k) {
+    for (std::size_t i = 0; i < capsules.size(); ++i) {
+      if (capsules[i].part != kPairs[k].a) continue;
+      for (std::size_t j = 0; j < capsules.size(); ++j) {
+        if (capsules[j].part != kPairs[k].b) continue;
+        const CapsuleGap gap = capsule_gap(placed[i], placed[j]);
+        if (gap.gap >= gaps[k].gap) continue;
+        gaps[k] = {gap.gap, capsules[i].joint, capsules[j].joint, gap.on_a, gap.on_b};
+      }
+    }
+  }
+}
+
+}  // namespace limber

@@ -14,7 +14,11 @@ namespace {
 namespace fs = std::filesystem;
 
 /// Why assimp cannot serve as a judge of a file.
-const std::map<std::string, std::string> kLossy = {};
+const std::map<std::string, std::string> kLossy = {
+    {"mixed_orders_60j.bvh", "Y-up offsets under a Z-up motion: assimp is told one axis for both"},
+    {"cesium_man_embedded.gltf", "its nodes have no names; each reader invents its own"},
+    {"khronos_simple_skin.gltf", "its nodes have no names; each reader invents its own"},
+};
 
 std::vector<fs::path> files_in(const fs::path& folder) {
   std::vector<fs::path> out;

@@ -81,11 +81,12 @@ std::vector<std::string> contradictions(const json& item, const json& ours) {
 }
 
 TEST(Inspect, AgreesWithTheManifest) {
-  const auto manifest = shared("manifest.json");
-  if (manifest.empty()) GTEST_SKIP() << "no shared data beside the sources; set LIMBER_SHARED";
+  const auto path = shared("manifest.json");
+  if (path.empty()) GTEST_SKIP() << "no shared data beside the sources; set LIMBER_SHARED";
   std::map<std::string, std::string> unseen = explained();
   int files = 0;
-  for (const json& item : json::parse(text_of(manifest))["items"]) {
+  const json manifest = json::parse(text_of(path));
+  for (const json& item : manifest["items"]) {
     const std::string file = item["file"];
     if (file.starts_with("joint_limits/") || file.starts_with("hand_tracking/")) continue;
     const auto run = limber({"inspect", shared(file).string(), "--json"});

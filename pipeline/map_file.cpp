@@ -14,7 +14,8 @@ Result<MapFile> read_map_json(std::string_view text) {
   };
   const auto document = nlohmann::json::parse(text, nullptr, false);
   if (document.is_discarded()) return invalid("not JSON");
-  if (!document.is_object() || document.value("format", "") != "limber-map/1") {
+  if (!document.is_object() || !document.contains("format") ||
+      document["format"] != "limber-map/1") {
     return invalid("/format: expected \"limber-map/1\"");
   }
   if (!document.contains("source") && !document.contains("target")) {

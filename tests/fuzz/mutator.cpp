@@ -1,7 +1,7 @@
 // Drives a fuzz target where there is no libFuzzer: changes good inputs at random, many times.
 // Understands the flags of libFuzzer that we use: -runs=N -max_total_time=SECONDS -seed=N, then
 // folders or files with further inputs. Before each run the input is kept in a file, which is left
-// behind when the target dies. `--write-seeds FOLDER` writes the seeds and ends.
+// behind when the target dies.
 
 #include <unistd.h>
 
@@ -141,15 +141,6 @@ Options parse(int argc, char** argv) {
   return options;
 }
 
-int write_seeds(const fs::path& folder) {
-  fs::create_directories(folder);
-  int n = 0;
-  for (const std::string& seed : limber::fuzz::seeds()) {
-    std::ofstream(folder / ("seed" + std::to_string(n++)), std::ios::binary) << seed;
-  }
-  return 0;
-}
-
 void run(const std::string& input) {
   // A copy of its own size: AddressSanitizer sees a read beyond its end.
   const std::vector<std::uint8_t> bytes(input.begin(), input.end());
@@ -159,7 +150,6 @@ void run(const std::string& input) {
 }  // namespace
 
 int main(int argc, char** argv) {
-  if (argc == 3 && argv[1] == std::string("--write-seeds")) return write_seeds(argv[2]);
   const Options options = parse(argc, argv);
   for (const std::string& input : options.inputs) run(input);
   const fs::path kept = fs::temp_directory_path() /

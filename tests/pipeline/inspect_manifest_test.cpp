@@ -34,6 +34,8 @@ const std::map<std::string, std::string>& explained() {
        "its palms and fingers are named by number; no chain of a hand is known by such names"},
       {"characters/gazebo_walk.dae: rate",
        "the manifest tells assimp's ticks; the keys are 1/24 s apart"},
+      {"characters/genea_tpose_fingers.fbx: joints",
+       "22 joints of its skin weigh no vertex, and the manifest leaves them out"},
       {"mocap_other/cmu_07_01_walk.fbx: joints", kMotionOnly},
       {"mocap_other/cmu_09_11_run.fbx: joints", kMotionOnly},
       {"mocap_other/ozz_jog_biped.fbx: joints", kMotionOnly},

@@ -226,6 +226,16 @@ TEST(BvhReader, DamageHasACode) {
   }
 }
 
+TEST(BvhReader, LengthsBeyondMeasureAreRefused) {
+  std::string text = BvhWriter({}).write();
+  const std::size_t spine = text.find("OFFSET", text.find("Spine"));
+  text.replace(spine, text.find('\n', spine) - spine, "OFFSET 0 1e290 0");
+  const auto imported = import_text(text, "bvh");
+  ASSERT_FALSE(imported);
+  EXPECT_EQ(imported.error().code, "size-absurd");
+  EXPECT_EQ(imported.error().joint, "Spine");
+}
+
 TEST(BvhReader, NanNamesItsJointAndFrame) {
   const auto imported = import_text(
       body("ROOT a\n{\nOFFSET 0 0 0\nCHANNELS 1 Xrotation\nJOINT b\n{\nOFFSET 0 1 0\nCHANNELS 1 "

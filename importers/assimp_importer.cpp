@@ -174,7 +174,9 @@ void set_facts(Import& import) {
   facts.reader = "assimp";
   facts.reader_reason = "asked for";
   facts.clips = static_cast<std::int64_t>(import.out.clips.size());
-  facts.joints = import.joints.size();
+  const auto& skinned = import.joints.skinned;
+  const auto bones = std::count(skinned.begin(), skinned.end(), 1);
+  facts.joints = bones > 0 ? bones : import.joints.size();
   if (!import.out.clips.empty()) {
     facts.rate_hz = import.out.clips[0].rate_hz;
     facts.frames = import.out.clips[0].frames();

@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
 #include <cstdlib>
@@ -39,7 +40,7 @@ std::string shown(std::string_view token) {
 
 class Parser {
  public:
-  explicit Parser(std::string_view text) : text_(text) {}
+  Parser(std::string_view text, const BvhRowSink& sink) : text_(text), sink_(sink) {}
 
   BvhDocument run() {
     read_hierarchy();
@@ -100,8 +101,39 @@ class Parser {
     fail(code, fmt::format("line {}: {}", line, what), hint);
   }
 
+  /// Digits with a point among them, few enough that the quotient of two exact numbers is the
+  /// nearest double (Clinger 1990); most numbers are such. False: not of this kind, nothing read.
+  bool read_plain_number(double& value) {
+    static constexpr std::array kPowers = {1e0, 1e1, 1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
+                                           1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15};
+    std::size_t at = at_;
+    const bool negative = at < text_.size() && text_[at] == '-';
+    at += negative;
+    std::uint64_t digits = 0;
+    std::size_t count = 0, decimals = 0;
+    for (bool after_point = false; at < text_.size(); ++at) {
+      const auto digit = static_cast<unsigned>(text_[at] - '0');
+      if (digit < 10) {
+        digits = 10 * digits + digit;
+        ++count;
+        decimals += after_point;
+      } else if (text_[at] == '.' && !after_point) {
+        after_point = true;
+      } else {
+        break;
+      }
+    }
+    if (count == 0 || count > 15 || at == text_.size() || !is_space(text_[at])) return false;
+    const double magnitude = static_cast<double>(digits) / kPowers[decimals];
+    value = negative ? -magnitude : magnitude;
+    at_ = at;
+    return true;
+  }
+
   /// A number at `at_`, which moves behind it; it must end at white space, a brace or the end.
   double read_number(const char* what) {
+    double plain = 0.0;
+    if (read_plain_number(plain)) return plain;
     const char* begin = text_.data() + at_;
     const char* const end = text_.data() + text_.size();
     if (begin != end && *begin == '+') ++begin;
@@ -263,25 +295,32 @@ class Parser {
     // A value takes at least a digit and a separator.
     const std::int64_t possible =
         static_cast<std::int64_t>((text_.size() - at_) / (2 * columns)) + 1;
-    document_.values.reserve(
-        columns * static_cast<std::size_t>(std::min(document_.declared_frames, possible)));
+    document_.expected_frames = std::min(document_.declared_frames, possible);
+    row_.resize(columns);
     std::size_t in_row = 0;
     bool wrapped = false;
     while (true) {
       skip_blanks();
       if (at_ == text_.size()) break;
       if (is_eol(text_[at_])) {
-        if (in_row == columns) in_row = 0;
+        if (in_row == columns) in_row = finish_row();
         wrapped = wrapped || in_row != 0;
         ++at_;
         continue;
       }
       if (in_row == columns) complain_long_row();
-      document_.values.push_back(read_number("motion"));
-      if (!std::isfinite(document_.values.back())) complain_not_finite(in_row);
+      row_[in_row] = read_number("motion");
+      if (!std::isfinite(row_[in_row])) complain_not_finite(in_row);
       ++in_row;
     }
     finish_motion(in_row, wrapped);
+  }
+
+  /// Hands the row on; returns the number of values in the next one.
+  std::size_t finish_row() {
+    sink_(document_, row_);
+    ++document_.frames;
+    return 0;
   }
 
   void read_motion_header() {
@@ -307,16 +346,15 @@ class Parser {
   [[noreturn]] void complain_long_row() {
     complain("bvh-row-length",
              fmt::format("frame {} has more than the {} values that CHANNELS announce",
-                         document_.values.size() / document_.columns - 1, document_.columns),
+                         document_.frames, document_.columns),
              "the motion does not belong to this hierarchy: export the file again");
   }
 
   [[noreturn]] void complain_not_finite(std::size_t column) {
-    Error error{
-        .code = "bvh-nan",
-        .message = "a motion value is not finite",
-        .frame = static_cast<std::int64_t>((document_.values.size() - 1) / document_.columns),
-        .hint = "repair or cut the frame in the tool that wrote the file"};
+    Error error{.code = "bvh-nan",
+                .message = "a motion value is not finite",
+                .frame = document_.frames,
+                .hint = "repair or cut the frame in the tool that wrote the file"};
     for (const BvhJoint& joint : document_.joints) {
       const bool holds =
           column >= joint.channel_begin && column < joint.channel_begin + joint.channels.size();
@@ -328,31 +366,33 @@ class Parser {
   void finish_motion(std::size_t in_row, bool wrapped) {
     const std::size_t columns = document_.columns;
     const bool cut = !text_.empty() && !is_space(text_.back());
-    bool partial = in_row != 0 && in_row != columns;
     // Where frames are missing and the last line has no end, its last number may be cut as well.
-    if (in_row == columns && cut && document_.frames() < document_.declared_frames) partial = true;
+    const bool whole =
+        in_row == columns && !(cut && document_.frames + 1 < document_.declared_frames);
+    if (whole) in_row = finish_row();
+    const bool partial = in_row != 0;
     if (partial) {
-      if (in_row != columns && document_.frames() == 0) {
+      if (in_row != columns && document_.frames == 0) {
         complain("bvh-row-length",
                  fmt::format("frame 0 has {} values where CHANNELS announce {}", in_row, columns),
                  "the motion does not belong to this hierarchy: export the file again");
       }
-      document_.values.resize(document_.values.size() - in_row);
-      document_.warnings.push_back({"bvh-partial-frame",
-                                    "the last frame is cut off and was dropped", "",
-                                    document_.frames()});
+      document_.warnings.push_back(
+          {"bvh-partial-frame", "the last frame is cut off and was dropped", "", document_.frames});
     }
     if (wrapped) {
       document_.warnings.push_back({"bvh-wrapped-rows", "frames extend over several lines"});
     }
-    if (document_.frames() != document_.declared_frames) {
+    if (document_.frames != document_.declared_frames) {
       document_.warnings.push_back(
           {"bvh-frame-count", fmt::format("the file announces {} frames and holds {}",
-                                          document_.declared_frames, document_.frames())});
+                                          document_.declared_frames, document_.frames)});
     }
   }
 
   std::string_view text_;
+  const BvhRowSink& sink_;
+  std::vector<double> row_;
   std::size_t at_ = 0;
   std::vector<std::size_t> stack_;
   BvhDocument document_;
@@ -360,6 +400,8 @@ class Parser {
 
 }  // namespace
 
-BvhDocument parse_bvh(std::string_view text) { return Parser(text).run(); }
+BvhDocument parse_bvh(std::string_view text, const BvhRowSink& sink) {
+  return Parser(text, sink).run();
+}
 
 }  // namespace limber

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -41,20 +42,18 @@ struct BvhDocument {
   std::int64_t declared_frames = 0;
   double frame_time_s = 0.0;
   std::string frame_time_text;
-  std::vector<double> values;  ///< [frame * columns + column]
+  std::int64_t expected_frames = 0;  ///< at most, by the bytes that remain
+  std::int64_t frames = 0;           ///< whole rows found
   Warnings warnings;
-
-  std::int64_t frames() const {
-    return columns == 0 ? 0 : static_cast<std::int64_t>(values.size() / columns);
-  }
-  std::span<const double> row(std::int64_t frame) const {
-    return {values.data() + frame * columns, columns};
-  }
 };
+
+/// Takes each whole row of the motion, [columns], in order; the document's hierarchy is complete.
+/// Values are finite. Rows are not kept: a million frames would double what a clip needs.
+using BvhRowSink = std::function<void(const BvhDocument&, std::span<const double> row)>;
 
 /// One pass over the text; no declared count is believed beyond the bytes that remain.
 /// Fails (see failure.h) with `bvh-syntax`, `bvh-channels`, `bvh-depth`, `bvh-size`,
 /// `bvh-no-motion`, `bvh-frame-time`, `bvh-number`, `bvh-nan` or `bvh-row-length`.
-BvhDocument parse_bvh(std::string_view text);
+BvhDocument parse_bvh(std::string_view text, const BvhRowSink&);
 
 }  // namespace limber

@@ -3,9 +3,11 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numbers>
-#include <optional>
+#include <utility>
+#include <vector>
 
 #include "importers/bvh_parser.h"
 #include "importers/failure.h"
@@ -37,66 +39,126 @@ std::vector<std::string> joint_names(const BvhDocument& document, Warnings& warn
   return names;
 }
 
-/// Largest absolute position value of a joint over all frames; nullopt without position channels.
-std::optional<double> largest_position(const BvhDocument& document, const BvhJoint& joint) {
-  std::optional<double> largest;
-  for (std::size_t c = 0; c < joint.channels.size(); ++c) {
-    if (is_rotation(joint.channels[c])) continue;
-    largest = largest.value_or(0.0);
-    for (std::int64_t f = 0; f < document.frames(); ++f) {
-      largest = std::max(*largest, std::abs(document.row(f)[joint.channel_begin + c]));
-    }
-  }
-  return largest;
-}
-
-/// Non-root joints whose position channels hold nothing but zeros (give or take rounding) although
-/// OFFSET is not zero: some exporters fill six channels everywhere. Taken literally they would
-/// collapse the body.
-std::vector<std::uint8_t> zero_filled_joints(const BvhDocument& document, Warnings& warnings) {
-  std::vector<std::uint8_t> zero_filled(document.joints.size(), 0);
-  double longest = 0.0;
-  for (const BvhJoint& joint : document.joints) {
-    if (joint.parent >= 0) longest = std::max(longest, joint.offset.norm());
-  }
-  std::int64_t count = 0;
-  for (std::size_t i = 0; i < document.joints.size(); ++i) {
-    const BvhJoint& joint = document.joints[i];
-    if (joint.parent < 0 || joint.offset.isZero(0.0)) continue;
-    const std::optional<double> largest = largest_position(document, joint);
-    if (!largest || *largest > std::max(1e-2 * joint.offset.norm(), 1e-4 * longest)) continue;
-    zero_filled[i] = 1;
-    ++count;
-  }
-  if (count > 0) {
-    warnings.push_back({"bvh-zero-positions",
-                        fmt::format("the position channels of {} joints hold zeros only; their "
-                                    "OFFSETs were kept",
-                                    count)});
-  }
-  return zero_filled;
+/// rotation = rotation * turn, with a turn by `angle_deg` about one axis: half the products of the
+/// general case.
+void turn_about(int axis, double angle_deg, Eigen::Quaterniond& rotation) {
+  constexpr double kHalfDegree = std::numbers::pi / 360.0;
+  constexpr std::array kNext = {1, 2, 0, 1};
+  const double turns = std::abs(angle_deg) < 360.0 ? angle_deg : std::remainder(angle_deg, 720.0);
+  const double c = std::cos(turns * kHalfDegree), s = std::sin(turns * kHalfDegree);
+  const int b = kNext[axis], d = kNext[axis + 1];
+  const Eigen::Quaterniond q = rotation;
+  rotation.w() = c * q.w() - s * q.vec()[axis];
+  rotation.vec()[axis] = c * q.vec()[axis] + s * q.w();
+  rotation.vec()[b] = c * q.vec()[b] + s * q.vec()[d];
+  rotation.vec()[d] = c * q.vec()[d] - s * q.vec()[b];
 }
 
 /// T(position) R(first rotation channel) R(second) R(third).
-DualQuaternion local_transform(const BvhJoint& joint, std::span<const double> row,
-                               bool keep_offset) {
-  constexpr double kHalfDegree = std::numbers::pi / 360.0;
+DualQuaternion local_transform(const BvhJoint& joint, std::span<const double> row) {
   Eigen::Vector3d position = joint.offset;
   Eigen::Quaterniond rotation(1, 0, 0, 0);
   for (std::size_t c = 0; c < joint.channels.size(); ++c) {
     const double value = row[joint.channel_begin + c];
     const int axis = axis_of(joint.channels[c]);
     if (is_rotation(joint.channels[c])) {
-      const double half = std::remainder(value, 720.0) * kHalfDegree;
-      Eigen::Quaterniond turn(std::cos(half), 0, 0, 0);
-      turn.vec()[axis] = std::sin(half);
-      rotation = rotation * turn;
-    } else if (!keep_offset) {
+      turn_about(axis, value, rotation);
+    } else {
       position[axis] = value;
     }
   }
   return DualQuaternion::from_rotation_translation(rotation.normalized(), position);
 }
+
+/// Makes the clip row by row, and remembers what is asked of the whole afterwards.
+class ClipBuilder {
+ public:
+  void add(const BvhDocument& document, std::span<const double> row) {
+    if (frames_ == 0) begin(document);
+    for (std::size_t i = 0; i < document.joints.size(); ++i) {
+      const BvhJoint& joint = document.joints[i];
+      poses_.push_back(local_transform(joint, row));
+      if (joint.parent >= 0 && !joint.channels.empty()) note_position(joint, row, largest_[i]);
+    }
+    if (frames_ < 2) zero_angles_[static_cast<std::size_t>(frames_)] = zero_angles(document, row);
+    ++frames_;
+  }
+
+  Clip finish(const BvhDocument& document, Warnings& warnings) {
+    keep_offsets(document, warnings);
+    Clip clip;
+    clip.rate_hz = snap_rate_hz(document.frame_time_s, document.frame_time_text);
+    clip.joints = static_cast<std::int32_t>(document.joints.size());
+    clip.parent_from_joint = std::move(poses_);
+    return clip;
+  }
+
+  /// MotionBuilder conversions of the CMU library hold a reference pose in frame 0: nearly all
+  /// angles are zero there, and the figure jumps to frame 1.
+  bool holds_reference_frame(const Clip& clip) const {
+    if (frames_ < 3 || zero_angles_[0] < 0.7) return false;
+    return zero_angles_[0] - zero_angles_[1] >= 0.2 && jumps_from_first_frame(clip);
+  }
+
+ private:
+  void begin(const BvhDocument& document) {
+    poses_.reserve(document.joints.size() * static_cast<std::size_t>(document.expected_frames));
+    largest_.resize(document.joints.size(), 0.0);
+  }
+
+  static void note_position(const BvhJoint& joint, std::span<const double> row, double& largest) {
+    for (std::size_t c = 0; c < joint.channels.size(); ++c) {
+      if (is_rotation(joint.channels[c])) continue;
+      largest = std::max(largest, std::abs(row[joint.channel_begin + c]));
+    }
+  }
+
+  static double zero_angles(const BvhDocument& document, std::span<const double> row) {
+    std::int64_t zeros = 0;
+    std::int64_t all = 0;
+    for (const BvhJoint& joint : document.joints) {
+      for (std::size_t c = 0; c < joint.channels.size(); ++c) {
+        if (!is_rotation(joint.channels[c])) continue;
+        ++all;
+        if (std::abs(row[joint.channel_begin + c]) < 1e-6) ++zeros;
+      }
+    }
+    return all == 0 ? 0.0 : double(zeros) / double(all);
+  }
+
+  /// Non-root joints whose position channels hold nothing but zeros (give or take rounding)
+  /// although OFFSET is not zero: some exporters fill six channels everywhere. Taken literally
+  /// they would collapse the body.
+  void keep_offsets(const BvhDocument& document, Warnings& warnings) {
+    double longest = 0.0;
+    for (const BvhJoint& joint : document.joints) {
+      if (joint.parent >= 0) longest = std::max(longest, joint.offset.norm());
+    }
+    std::int64_t kept = 0;
+    for (std::size_t i = 0; i < document.joints.size(); ++i) {
+      const BvhJoint& joint = document.joints[i];
+      const bool has_position =
+          std::any_of(joint.channels.begin(), joint.channels.end(),
+                      [](BvhChannel channel) { return !is_rotation(channel); });
+      if (joint.parent < 0 || !has_position || joint.offset.isZero(0.0)) continue;
+      if (largest_[i] > std::max(1e-2 * joint.offset.norm(), 1e-4 * longest)) continue;
+      ++kept;
+      for (std::size_t at = i; at < poses_.size(); at += document.joints.size()) {
+        poses_[at] = DualQuaternion::from_rotation_translation(poses_[at].rotation(), joint.offset);
+      }
+    }
+    if (kept == 0) return;
+    warnings.push_back({"bvh-zero-positions",
+                        fmt::format("the position channels of {} joints hold zeros only; their "
+                                    "OFFSETs were kept",
+                                    kept)});
+  }
+
+  std::vector<DualQuaternion> poses_;       // [frame * joints + joint]
+  std::vector<double> largest_;             // [joint] absolute value of its position channels
+  std::array<double, 2> zero_angles_ = {};  // share of zero angles in the first two frames
+  std::int64_t frames_ = 0;
+};
 
 Skeleton build_skeleton(const BvhDocument& document, Warnings& warnings) {
   Skeleton skeleton;
@@ -106,45 +168,6 @@ Skeleton build_skeleton(const BvhDocument& document, Warnings& warnings) {
     skeleton.rest_parent_from_joint.push_back(DualQuaternion::from_translation(joint.offset));
   }
   return skeleton;
-}
-
-Clip build_clip(const BvhDocument& document, Warnings& warnings) {
-  Clip clip;
-  clip.rate_hz = snap_rate_hz(document.frame_time_s, document.frame_time_text);
-  clip.joints = static_cast<std::int32_t>(document.joints.size());
-  const auto zero_filled = zero_filled_joints(document, warnings);
-  clip.parent_from_joint.reserve(document.joints.size() * document.frames());
-  for (std::int64_t f = 0; f < document.frames(); ++f) {
-    const std::span<const double> row = document.row(f);
-    for (std::size_t i = 0; i < document.joints.size(); ++i) {
-      clip.parent_from_joint.push_back(
-          local_transform(document.joints[i], row, zero_filled[i] != 0));
-    }
-  }
-  return clip;
-}
-
-double zero_angle_share(const BvhDocument& document, std::int64_t frame) {
-  const std::span<const double> row = document.row(frame);
-  std::int64_t zeros = 0;
-  std::int64_t all = 0;
-  for (const BvhJoint& joint : document.joints) {
-    for (std::size_t c = 0; c < joint.channels.size(); ++c) {
-      if (!is_rotation(joint.channels[c])) continue;
-      ++all;
-      if (std::abs(row[joint.channel_begin + c]) < 1e-6) ++zeros;
-    }
-  }
-  return all == 0 ? 0.0 : double(zeros) / double(all);
-}
-
-/// MotionBuilder conversions of the CMU library hold a reference pose in frame 0: nearly all angles
-/// are zero there, and the figure jumps to frame 1.
-bool holds_reference_frame(const BvhDocument& document, const Clip& clip) {
-  if (clip.frames() < 3) return false;
-  const double zeros = zero_angle_share(document, 0);
-  if (zeros < 0.7 || zeros - zero_angle_share(document, 1) < 0.2) return false;
-  return jumps_from_first_frame(clip);
 }
 
 /// Unit and axes: from the options, else guessed. Motion and rest pose may use different axes.
@@ -180,7 +203,7 @@ void settle_space(Imported& imported, const ImportOptions& options) {
   make_canonical(skeleton, skeleton.rest_parent_from_joint, unit_m, canonical_from_up(up.rest_up));
 }
 
-Imported build(BvhDocument document, const ImportOptions& options) {
+Imported build(BvhDocument document, ClipBuilder& builder, const ImportOptions& options) {
   Imported imported;
   imported.warnings = std::move(document.warnings);
   imported.facts.format = "bvh";
@@ -191,14 +214,14 @@ Imported build(BvhDocument document, const ImportOptions& options) {
     imported.facts.joints += joint.end_site ? 0 : 1;
   }
   imported.character.roles.resize(document.joints.size());
-  imported.facts.frames = document.frames();
-  if (document.frames() == 0) {
+  imported.facts.frames = document.frames;
+  if (document.frames == 0) {
     imported.warnings.push_back({"bvh-no-frames", "the file holds a skeleton without motion"});
   } else {
-    Clip clip = build_clip(document, imported.warnings);
+    Clip clip = builder.finish(document, imported.warnings);
     imported.facts.rate_hz = clip.rate_hz;
     imported.facts.clips = 1;
-    const bool drop = !options.keep_reference_frame && holds_reference_frame(document, clip);
+    const bool drop = !options.keep_reference_frame && builder.holds_reference_frame(clip);
     imported.clips.push_back(std::move(clip));
     if (drop) drop_reference_frame(imported);
   }
@@ -213,7 +236,11 @@ Result<Imported> import_bvh(std::span<const std::byte> bytes, const ImportOption
   return guarded<Imported>([&]() -> Result<Imported> {
     std::string_view text(reinterpret_cast<const char*>(bytes.data()), bytes.size());
     if (text.starts_with("\xEF\xBB\xBF")) text.remove_prefix(3);
-    return build(parse_bvh(text), options);
+    ClipBuilder builder;
+    BvhDocument document = parse_bvh(
+        text,
+        [&](const BvhDocument& so_far, std::span<const double> row) { builder.add(so_far, row); });
+    return build(std::move(document), builder, options);
   });
 }
 

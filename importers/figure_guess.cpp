@@ -304,9 +304,9 @@ UnitGuess guess_unit(const Skeleton& skeleton, const Clip* clip, std::string_vie
   const Size size = measure(skeleton, clip, up);
   UnitGuess guess;
   guess.certain = size.certain;
-  if (!(size.file_units > 1e-9)) {
+  if (!(size.file_units > 1e-9 && size.file_units < 1e9)) {
     guess.plausible = false;
-    guess.evidence = "the figure has no extent: 1 unit taken as 1 m";
+    guess.evidence = "the figure has no extent that can be measured: 1 unit taken as 1 m";
     return guess;
   }
   const KnownUnit* best = nullptr;

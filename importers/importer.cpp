@@ -132,10 +132,28 @@ Result<Imported> dispatch(std::span<const std::byte> bytes, const std::string& e
   return imported;
 }
 
+/// Nobody means a figure that is larger than the Earth; sums of such lengths overflow.
+Result<void> check_sizes(const Skeleton& skeleton, std::span<const DualQuaternion> poses) {
+  constexpr double kEarth_m = 1.3e7;
+  for (std::size_t i = 0; i < poses.size(); ++i) {
+    if (2.0 * poses[i].dual.norm() < kEarth_m) continue;  // |t|
+    const std::size_t joints = skeleton.names.size();
+    return Error{.code = "size-absurd",
+                 .message = "a joint stands farther from its parent than the Earth is wide",
+                 .joint = skeleton.names[i % joints],
+                 .frame = poses.size() > joints ? static_cast<std::int64_t>(i / joints) : -1,
+                 .hint = "the file is damaged, or --unit is wrong"};
+  }
+  return {};
+}
+
 Result<void> check_invariants(const Imported& imported) {
+  const Skeleton& skeleton = imported.character.skeleton;
   if (Result<void> valid = validate(imported.character); !valid) return valid;
+  if (auto sane = check_sizes(skeleton, skeleton.rest_parent_from_joint); !sane) return sane;
   for (const Clip& clip : imported.clips) {
-    if (Result<void> valid = validate(imported.character.skeleton, clip); !valid) return valid;
+    if (Result<void> valid = validate(skeleton, clip); !valid) return valid;
+    if (auto sane = check_sizes(skeleton, clip.parent_from_joint); !sane) return sane;
   }
   return {};
 }

@@ -113,7 +113,7 @@ FileCheck check_with(std::span<const std::byte> bytes, const std::string& format
         return read_and_compare(bytes, format, reader, target, meant, limits)
             .dump(-1, ' ', false, json::error_handler_t::replace);
       },
-      sandbox);
+      {.sandbox = sandbox});
   if (!answer) {
     check.faults = {answer.error().message};
     return check;

@@ -12,6 +12,7 @@
 #include "pipeline/dressed_rig.h"
 #include "pipeline/embedded.h"
 #include "pipeline/file_io.h"
+#include "pipeline/reading_budget.h"
 #include "pipeline/sheets.h"
 #include "pipeline/version.h"
 
@@ -49,7 +50,7 @@ bool has_any_fingers(const Figure& figure) {
 
 json inspect(const std::string& file, const ImportOptions& options) {
   json out{{"file", file}};
-  auto imported = import_file(file, options);
+  auto imported = import_within_budget(file, options);
   if (!imported) {
     const Error& e = imported.error();
     out["error"] = {{"code", e.code}, {"message", e.message}, {"hint", e.hint}};
@@ -113,9 +114,9 @@ void print_inspection(const json& facts) {
   }
 }
 
-/// Runs work in its own process and parses the JSON it returns; a crash becomes an `error` entry.
-json isolated_json(const std::function<json()>& work) {
-  auto answer = run_isolated([&] { return dump(work()); });
+/// Runs work in a jailed process and parses the JSON it returns; a crash becomes an `error` entry.
+json isolated_json(const std::function<json()>& work, const JailRules& rules) {
+  auto answer = run_isolated([&] { return dump(work()); }, {.may = rules});
   if (answer) return json::parse(*answer, nullptr, false);
   const Error& e = answer.error();
   return {{"error", {{"code", e.code}, {"message", e.message}, {"hint", e.hint}}}};
@@ -159,7 +160,7 @@ int inspect_command(const InspectArgs& args) {
   json all = json::array();
   bool failed = false;
   for (const std::string& file : args.files) {
-    json facts = isolated_json([&] { return inspect(file, args.import); });
+    json facts = isolated_json([&] { return inspect(file, args.import); }, {.reads = {file}});
     if (!facts.contains("file")) facts["file"] = file;
     if (facts.contains("error")) {
       failed = true;
@@ -174,31 +175,33 @@ int inspect_command(const InspectArgs& args) {
 }
 
 int map_command(const MapArgs& args) {
-  const json answer = isolated_json([&]() -> json {
-    const auto failed = [](const Error& e, const std::string& file) {
-      return json{
-          {"error",
-           {{"code", e.code}, {"message", e.message}, {"hint", e.hint}, {"joint", e.joint}}},
-          {"file", e.file.empty() ? file : e.file}};
-    };
-    TargetOptions options;
-    options.import.reader = args.import.reader;
-    const auto target = load_target(args.target, options);
-    if (!target) {
-      json out = failed(target.error(), args.target);
-      out["usage"] = true;
-      return out;
-    }
-    const auto source = import_file(args.source, args.import);
-    if (!source) return failed(source.error(), args.source);
-    const auto figure = identify_figure(source->character);
-    const MapSide from{args.source, &source->character, figure ? &*figure : nullptr};
-    json map = json::parse(map_json(from, {args.target, &target->character, &target->figure}));
-    if (figure) return {{"map", map}};
-    json out = failed(figure.error(), args.source);
-    out["map"] = map;
-    return out;
-  });
+  const json answer = isolated_json(
+      [&]() -> json {
+        const auto failed = [](const Error& e, const std::string& file) {
+          return json{
+              {"error",
+               {{"code", e.code}, {"message", e.message}, {"hint", e.hint}, {"joint", e.joint}}},
+              {"file", e.file.empty() ? file : e.file}};
+        };
+        TargetOptions options;
+        options.import.reader = args.import.reader;
+        const auto target = load_target(args.target, options);
+        if (!target) {
+          json out = failed(target.error(), args.target);
+          out["usage"] = true;
+          return out;
+        }
+        const auto source = import_within_budget(args.source, args.import);
+        if (!source) return failed(source.error(), args.source);
+        const auto figure = identify_figure(source->character);
+        const MapSide from{args.source, &source->character, figure ? &*figure : nullptr};
+        json map = json::parse(map_json(from, {args.target, &target->character, &target->figure}));
+        if (figure) return {{"map", map}};
+        json out = failed(figure.error(), args.source);
+        out["map"] = map;
+        return out;
+      },
+      {.reads = {args.source, args.target}});
   if (answer.contains("map")) {
     const std::string text = dump(answer["map"]) + "\n";
     if (!args.output.empty()) {
@@ -240,8 +243,8 @@ int rig_list_command(bool as_json) {
   return kAllPassed;
 }
 
-int isolated_command(const std::function<int()>& work) {
-  const auto answer = run_isolated([&] { return std::to_string(work()); });
+int isolated_command(const std::function<int()>& work, const JailRules& rules) {
+  const auto answer = run_isolated([&] { return std::to_string(work()); }, {.may = rules});
   if (answer) return std::atoi(answer->c_str());
   print_error(answer.error());
   return kUsage;
@@ -296,11 +299,13 @@ int rig_show(const RigShowArgs& args) {
 }  // namespace
 
 int rig_new_command(const RigNewArgs& args) {
-  return isolated_command([&] { return rig_new(args); });
+  return isolated_command([&] { return rig_new(args); },
+                          {.reads = {args.character}, .writes = folder_of(args.output)});
 }
 
 int rig_show_command(const RigShowArgs& args) {
-  return isolated_command([&] { return rig_show(args); });
+  return isolated_command([&] { return rig_show(args); },
+                          {.reads = {args.rig}, .writes = folder_of(args.sheet)});
 }
 
 int sheet_command(const SheetArgs& args) {
@@ -311,22 +316,24 @@ int sheet_command(const SheetArgs& args) {
       output.replace_filename(
           fmt::format("{}-{}{}", output.stem().string(), i + 1, output.extension().string()));
     }
-    const json answer = isolated_json([&]() -> json {
-      const auto failed_with = [](const Error& e) {
-        return json{{"error", {{"code", e.code}, {"message", e.message}, {"hint", e.hint}}}};
-      };
-      const auto imported = import_file(args.files[i], args.import);
-      if (!imported) return failed_with(imported.error());
-      const Clip* clip = imported->clips.empty() ? nullptr : &imported->clips.front();
-      const auto png =
-          draw_file_sheet(imported->character, clip, fs::path(args.files[i]).filename().string());
-      if (!png) return failed_with(png.error());
-      const auto r = write_whole(output, *png);
-      if (r) return json::object();
-      json out = failed_with(r.error());
-      out["file"] = output.string();
-      return out;
-    });
+    const json answer = isolated_json(
+        [&]() -> json {
+          const auto failed_with = [](const Error& e) {
+            return json{{"error", {{"code", e.code}, {"message", e.message}, {"hint", e.hint}}}};
+          };
+          const auto imported = import_within_budget(args.files[i], args.import);
+          if (!imported) return failed_with(imported.error());
+          const Clip* clip = imported->clips.empty() ? nullptr : &imported->clips.front();
+          const auto png = draw_file_sheet(imported->character, clip,
+                                           fs::path(args.files[i]).filename().string());
+          if (!png) return failed_with(png.error());
+          const auto r = write_whole(output, *png);
+          if (r) return json::object();
+          json out = failed_with(r.error());
+          out["file"] = output.string();
+          return out;
+        },
+        {.reads = {args.files[i]}, .writes = folder_of(output)});
     if (answer.contains("error")) {
       failed = true;
       print_error(error_of(answer, answer.value("file", args.files[i])));

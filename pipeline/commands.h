@@ -78,8 +78,8 @@ int validate_command(const ValidateArgs&);
 int doctor_command(bool json);
 int explain_command(const std::string& code);
 
-/// A command that parses files of strangers runs in a process of its own and prints from there.
-int isolated_command(const std::function<int()>& work);
+/// A command that parses files of strangers runs in a jailed process and prints from there.
+int isolated_command(const std::function<int()>& work, const JailRules&);
 
 /// "file: message [code] (joint J, frame F)" and the way out, on standard error.
 void print_error(const Error&);

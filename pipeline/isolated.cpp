@@ -2,9 +2,10 @@
 
 #include <fcntl.h>
 #include <fmt/format.h>
-#include <seccomp.h>
+#include <poll.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -16,49 +17,19 @@
 #include <cstdlib>
 #include <cstring>
 #include <exception>
+#include <new>
+#include <optional>
 
 namespace limber {
 namespace {
 
-/// System calls that reading, solving and drawing never need.
-constexpr std::array kDenied = {SCMP_SYS(socket),
-                                SCMP_SYS(connect),
-                                SCMP_SYS(bind),
-                                SCMP_SYS(listen),
-                                SCMP_SYS(execve),
-                                SCMP_SYS(execveat),
-                                SCMP_SYS(ptrace),
-                                SCMP_SYS(mount),
-                                SCMP_SYS(umount2),
-                                SCMP_SYS(chroot),
-                                SCMP_SYS(pivot_root),
-                                SCMP_SYS(setns),
-                                SCMP_SYS(unshare),
-                                SCMP_SYS(keyctl),
-                                SCMP_SYS(add_key),
-                                SCMP_SYS(bpf),
-                                SCMP_SYS(init_module),
-                                SCMP_SYS(kexec_load),
-                                SCMP_SYS(process_vm_writev)};
-
-bool deny_system_calls() {
-  if (::prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) return false;
-  scmp_filter_ctx filter = ::seccomp_init(SCMP_ACT_ALLOW);
-  if (filter == nullptr) return false;
-  bool ok = true;
-  for (const int call : kDenied) {
-    ok = ::seccomp_rule_add(filter, SCMP_ACT_ERRNO(EPERM), call, 0) == 0 && ok;
-  }
-  ok = ::seccomp_load(filter) == 0 && ok;
-  ::seccomp_release(filter);
-  return ok;
-}
-
-void set_limit(int resource, std::uint64_t value) {
+/// Lowers a limit for good.
+void set_limit(__rlimit_resource resource, std::uint64_t value) {
   struct rlimit limit {};
-  if (::getrlimit(static_cast<__rlimit_resource>(resource), &limit) != 0) return;
-  limit.rlim_cur = std::min<rlim_t>(limit.rlim_max, value);
-  ::setrlimit(static_cast<__rlimit_resource>(resource), &limit);
+  if (::getrlimit(resource, &limit) != 0) return;
+  limit.rlim_max = std::min<rlim_t>(limit.rlim_max, value);
+  limit.rlim_cur = std::min(limit.rlim_cur, limit.rlim_max);
+  ::setrlimit(resource, &limit);
 }
 
 void write_all(int fd, const std::string& text) {
@@ -71,64 +42,104 @@ void write_all(int fd, const std::string& text) {
   }
 }
 
-[[noreturn]] void child_main(int answer_fd, const std::function<std::string()>& work,
-                             SandboxMode sandbox, const IsolationLimits& limits) {
-  ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+constexpr int kExitNoJail = 3;
+constexpr int kExitNoMemory = 4;
+constexpr int kExitThrown = 5;
+
+/// The child's only open file beyond the standard ones is its answer.
+int keep_only(int answer_fd) {
+  constexpr int kKept = STDERR_FILENO + 1;
+  if (answer_fd != kKept) answer_fd = ::dup2(answer_fd, kKept);
+  ::syscall(SYS_close_range, kKept + 1, ~0U, 0);
+  return answer_fd;
+}
+
+bool confine(const Isolation& isolation) {
   set_limit(RLIMIT_CORE, 0);
-#if !defined(__SANITIZE_ADDRESS__)
-  set_limit(RLIMIT_AS, limits.memory_bytes);
-#endif
-  set_limit(RLIMIT_CPU, limits.cpu_seconds);
-  set_limit(RLIMIT_FSIZE, limits.file_bytes);
-  if (sandbox != SandboxMode::off) {
-    const bool jailed = deny_system_calls();
-    if (!jailed && sandbox == SandboxMode::require) ::_exit(3);
-  }
+  if (kMemoryCanBeLimited) set_limit(RLIMIT_AS, isolation.limits.memory_bytes);
+  set_limit(RLIMIT_CPU, isolation.limits.cpu_seconds);
+  set_limit(RLIMIT_FSIZE, isolation.limits.file_bytes);
+  if (isolation.sandbox == SandboxMode::off) return true;
+  const JailSupport holds = enter_jail(isolation.may);
+  return holds.complete() || isolation.sandbox == SandboxMode::automatic;
+}
+
+[[noreturn]] void child_main(int answer_fd, const std::function<std::string()>& work,
+                             const Isolation& isolation) {
+  ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+  answer_fd = keep_only(answer_fd);
+  if (!confine(isolation)) ::_exit(kExitNoJail);
   int code = 0;
   try {
     write_all(answer_fd, work());
   } catch (const std::bad_alloc&) {
-    code = 4;
+    code = kExitNoMemory;
   } catch (const std::exception& e) {
     std::fprintf(stderr, "limber: %s\n", e.what());
-    code = 5;
+    code = kExitThrown;
   } catch (...) {
-    code = 5;
+    code = kExitThrown;
   }
   ::close(answer_fd);
   std::fflush(nullptr);
   ::_exit(code);
 }
 
+Error over_limit(std::string message) {
+  return {.code = "process-limit",
+          .message = std::move(message),
+          .hint = "the file asks for more memory or time than a clip may have"};
+}
+
 Error died(int status) {
   if (WIFSIGNALED(status)) {
     const int signal = WTERMSIG(status);
-    const bool limit = signal == SIGXCPU || signal == SIGXFSZ || signal == SIGKILL;
-    return Error{.code = limit ? "process-limit" : "process-crashed",
-                 .message = fmt::format("the clip's process was ended by {}", ::strsignal(signal)),
-                 .hint = limit ? "the file asks for more memory or time than a clip may have"
-                               : "the file breaks its reader; re-export it"};
+    const std::string message =
+        fmt::format("the clip's process was ended by {}", ::strsignal(signal));
+    if (signal == SIGXCPU || signal == SIGXFSZ || signal == SIGKILL) return over_limit(message);
+    return Error{.code = "process-crashed",
+                 .message = message,
+                 .hint = "the file breaks its reader; re-export it"};
   }
   const int code = WEXITSTATUS(status);
-  if (code == 3) {
+  if (code == kExitNoJail) {
     return Error{.code = "sandbox-unavailable",
                  .message = "this system cannot confine the clip's process",
                  .hint = "run with --sandbox auto, or see `limber doctor`"};
   }
-  if (code == 4) {
-    return Error{.code = "process-limit",
-                 .message = "the clip's process ran out of its memory limit",
-                 .hint = "the file asks for more memory than a clip may have"};
-  }
+  if (code == kExitNoMemory) return over_limit("the clip's process ran out of its memory limit");
   return Error{.code = "process-failed",
                .message = fmt::format("the clip's process ended with {}", code),
                .hint = "please report this file"};
 }
 
+/// Reads until the end, the deadline or too much; the latter two are told.
+std::optional<Error> collect(const IsolatedChild& child, std::string& answer) {
+  std::array<char, 65536> buffer;
+  for (;;) {
+    const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(
+        child.deadline - std::chrono::steady_clock::now());
+    if (left.count() <= 0) return over_limit("the clip's process took too long");
+    struct pollfd wait {
+      child.answer_fd, POLLIN, 0
+    };
+    if (::poll(&wait, 1, static_cast<int>(std::min<std::int64_t>(left.count(), 60'000))) <= 0) {
+      continue;
+    }
+    const ssize_t n = ::read(child.answer_fd, buffer.data(), buffer.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n <= 0) return std::nullopt;
+    if (answer.size() + static_cast<std::size_t>(n) > child.answer_bytes) {
+      return over_limit("the clip's process said more than it may");
+    }
+    answer.append(buffer.data(), static_cast<std::size_t>(n));
+  }
+}
+
 }  // namespace
 
-Result<IsolatedChild> start_isolated(const std::function<std::string()>& work, SandboxMode sandbox,
-                                     const IsolationLimits& limits) {
+Result<IsolatedChild> start_isolated(const std::function<std::string()>& work,
+                                     const Isolation& isolation) {
   int ends[2];
   if (::pipe2(ends, O_CLOEXEC) != 0) {
     return Error{.code = "process-failed", .message = std::strerror(errno)};
@@ -141,47 +152,45 @@ Result<IsolatedChild> start_isolated(const std::function<std::string()>& work, S
     ::close(ends[1]);
     return Error{.code = "process-failed", .message = std::strerror(error)};
   }
-  if (pid == 0) {
-    ::close(ends[0]);
-    child_main(ends[1], work, sandbox, limits);
-  }
+  if (pid == 0) child_main(ends[1], work, isolation);
   ::close(ends[1]);
-  return IsolatedChild{pid, ends[0]};
+  return IsolatedChild{
+      pid, ends[0],
+      std::chrono::steady_clock::now() + std::chrono::seconds(isolation.limits.wall_seconds),
+      isolation.limits.answer_bytes};
 }
 
 Result<std::string> finish_isolated(IsolatedChild child) {
   std::string answer;
-  std::array<char, 65536> buffer;
-  for (;;) {
-    const ssize_t n = ::read(child.answer_fd, buffer.data(), buffer.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) break;
-    answer.append(buffer.data(), static_cast<std::size_t>(n));
-  }
+  const std::optional<Error> stopped = collect(child, answer);
+  if (stopped) ::kill(child.pid, SIGKILL);
   ::close(child.answer_fd);
   int status = 0;
   while (::waitpid(child.pid, &status, 0) < 0 && errno == EINTR) {
   }
+  if (stopped) return *stopped;
   if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return answer;
   return died(status);
 }
 
-Result<std::string> run_isolated(const std::function<std::string()>& work, SandboxMode sandbox,
-                                 const IsolationLimits& limits) {
-  auto child = start_isolated(work, sandbox, limits);
+Result<std::string> run_isolated(const std::function<std::string()>& work,
+                                 const Isolation& isolation) {
+  auto child = start_isolated(work, isolation);
   if (!child) return child.error();
   return finish_isolated(*child);
 }
 
 bool sandbox_available() {
-  static const bool available =
-      ::seccomp_api_get() > 0 && ::prctl(PR_GET_NO_NEW_PRIVS, 0, 0, 0, 0) >= 0;
+  static const bool available = jail_support().complete();
   return available;
 }
 
 std::string sandbox_level() {
-  return sandbox_available() ? "own process, seccomp, no new privileges, resource limits"
-                             : "own process, resource limits";
+  const JailSupport support = jail_support();
+  std::string level = "own process";
+  if (support.landlock_abi > 0) level += fmt::format(", Landlock {}", support.landlock_abi);
+  if (support.seccomp) level += ", seccomp";
+  return level + ", resource limits";
 }
 
 }  // namespace limber

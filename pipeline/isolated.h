@@ -1,39 +1,58 @@
 #pragma once
 
+#include <chrono>
 #include <cstdint>
 #include <functional>
 #include <string>
 
 #include "assets/model/result.h"
+#include "pipeline/jail.h"
 
 namespace limber {
 
+/// automatic: confined by whatever the kernel has; require: by all of it, or not run at all.
 enum class SandboxMode : std::uint8_t { automatic, require, off };
 
 struct IsolationLimits {
   std::uint64_t memory_bytes = std::uint64_t(4) << 30;
   std::uint32_t cpu_seconds = 120;
-  std::uint64_t file_bytes = std::uint64_t(1) << 30;
+  std::uint32_t wall_seconds = 300;
+  std::uint64_t file_bytes = std::uint64_t(1) << 30;    ///< of each file it writes
+  std::uint64_t answer_bytes = std::uint64_t(1) << 28;  ///< of what it says to its parent
 };
 
-/// Runs `work` in a child process of its own and returns the text it returns. A crash, a caught
+#if defined(__SANITIZE_ADDRESS__)
+inline constexpr bool kMemoryCanBeLimited = false;  // AddressSanitizer maps terabytes
+#else
+inline constexpr bool kMemoryCanBeLimited = true;
+#endif
+
+struct Isolation {
+  JailRules may = {};  ///< what it reads and writes; nothing unless said
+  SandboxMode sandbox = SandboxMode::automatic;
+  IsolationLimits limits = {};
+};
+
+/// Runs `work` in a jailed child process and returns the text it returns. A crash, a caught
 /// exception or a broken limit costs the child alone. Call from a single-threaded process.
-/// Errors: `process-crashed` (signal), `process-limit` (memory, CPU), `process-failed`.
-Result<std::string> run_isolated(const std::function<std::string()>& work,
-                                 SandboxMode = SandboxMode::automatic, const IsolationLimits& = {});
+/// Errors: `process-crashed` (signal), `process-limit` (memory, CPU, wall clock, answer),
+/// `process-failed`, `sandbox-unavailable`.
+Result<std::string> run_isolated(const std::function<std::string()>& work, const Isolation& = {});
 
 /// A child that runs while the parent goes on; `pid` and the read end of its answer.
 struct IsolatedChild {
   int pid = -1;
   int answer_fd = -1;
+  std::chrono::steady_clock::time_point deadline = {};
+  std::uint64_t answer_bytes = 0;
 };
-Result<IsolatedChild> start_isolated(const std::function<std::string()>& work, SandboxMode,
-                                     const IsolationLimits&);
-/// Waits for the child and collects its answer.
+Result<IsolatedChild> start_isolated(const std::function<std::string()>& work, const Isolation&);
+/// Waits for the child, at most until its deadline, and collects its answer.
 Result<std::string> finish_isolated(IsolatedChild);
 
 /// What confines a child here, in words.
 std::string sandbox_level();
+/// Whether all of it is there, so that `--sandbox require` can be met.
 bool sandbox_available();
 
 }  // namespace limber

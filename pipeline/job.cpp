@@ -12,6 +12,7 @@
 #include "pipeline/file_io.h"
 #include "pipeline/map_file.h"
 #include "pipeline/measure.h"
+#include "pipeline/reading_budget.h"
 #include "pipeline/sheets.h"
 #include "validation/contact_detection.h"
 
@@ -340,7 +341,7 @@ Result<Source> load_source(const std::string& path, const JobOptions& options) {
   auto bytes = read_file(path);
   if (!bytes) return in_file(bytes.error(), path);
   source.sha256 = sha256_hex(*bytes);
-  auto imported = import_file(path, options.import);
+  auto imported = import_within_budget(path, options.import);
   if (!imported) return in_file(imported.error(), path);
   source.imported = std::move(*imported);
   RoleOverrides roles;
@@ -374,7 +375,7 @@ ClipSummary refuse(const std::string& path, const std::string& stem, const Targe
   record.target = target;
   record.errors.push_back(in_file(error, path));
   if (error.code == "map-not-a-figure" && target != nullptr) {
-    if (auto imported = import_file(path, options.import)) {
+    if (auto imported = import_within_budget(path, options.import)) {
       (void)write_whole(options.output / (stem + ".map.json"),
                         map_json({path, &imported->character, nullptr},
                                  {target->path, &target->character, &target->figure}));

@@ -6,18 +6,16 @@
 
 namespace limber {
 
-Result<MapFile> read_map_file(const std::filesystem::path& path) {
-  auto text = read_text(path);
-  if (!text) return text.error();
-  const auto invalid = [&](std::string message) {
+Result<MapFile> read_map_json(std::string_view text) {
+  const auto invalid = [](std::string message) {
     return Error{.code = "map-file",
                  .message = std::move(message),
-                 .file = path.string(),
                  .hint = "start from a file that `limber map SOURCE TARGET -o` wrote"};
   };
-  const auto document = nlohmann::json::parse(*text, nullptr, false);
+  const auto document = nlohmann::json::parse(text, nullptr, false);
   if (document.is_discarded()) return invalid("not JSON");
-  if (!document.is_object() || document.value("format", "") != "limber-map/1") {
+  if (!document.is_object() || !document.contains("format") ||
+      document["format"] != "limber-map/1") {
     return invalid("/format: expected \"limber-map/1\"");
   }
   if (!document.contains("source") && !document.contains("target")) {
@@ -39,6 +37,14 @@ Result<MapFile> read_map_file(const std::filesystem::path& path) {
       (side == std::string("source") ? map.source : map.target)[role] = joint.get<std::string>();
     }
   }
+  return map;
+}
+
+Result<MapFile> read_map_file(const std::filesystem::path& path) {
+  const auto text = read_text(path);
+  if (!text) return text.error();
+  auto map = read_map_json(*text);
+  if (!map) map.error().file = path.string();
   return map;
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <string_view>
 
 #include "assets/model/result.h"
 #include "pipeline/figure.h"
@@ -14,5 +15,6 @@ struct MapFile {
 
 /// Reads `limber-map/1`. Errors carry the JSON pointer: code `map-file`.
 Result<MapFile> read_map_file(const std::filesystem::path&);
+Result<MapFile> read_map_json(std::string_view text);
 
 }  // namespace limber

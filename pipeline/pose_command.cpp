@@ -282,7 +282,8 @@ int pose(const PoseArgs& args) {
 }  // namespace
 
 int pose_command(const PoseArgs& args) {
-  return isolated_command([&] { return pose(args); });
+  return isolated_command([&] { return pose(args); },
+                          {.reads = {args.rig, args.targets}, .writes = folder_of(args.sheet)});
 }
 
 }  // namespace limber

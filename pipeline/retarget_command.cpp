@@ -102,12 +102,17 @@ std::string work_on(const RetargetArgs& args, const std::string& source, const s
   return to_json(run_source(source, stem, *target, args.job));
 }
 
-constexpr std::chrono::seconds kWallLimit(300);  // for one source
+/// What the work on a source reads.
+std::vector<fs::path> readable(const RetargetArgs& args, const std::string& source) {
+  std::vector<fs::path> out{args.target};
+  if (!source.empty()) out.emplace_back(source);
+  if (args.job.map) out.push_back(*args.job.map);
+  return out;
+}
 
 struct Running {
   IsolatedChild child;
   std::size_t source = 0;
-  std::chrono::steady_clock::time_point start = std::chrono::steady_clock::now();
 };
 
 /// Runs every source in a process of its own, at most `processes` at a time.
@@ -141,15 +146,16 @@ std::vector<ClipSummary> run_all(const RetargetArgs& args, const std::string& ta
     ::poll(waits.data(), waits.size(), 500);  // ms; an interrupt or a limit is seen that soon
     const auto now = std::chrono::steady_clock::now();
     for (std::size_t k = 0; k < waits.size(); ++k) {
-      const bool late = now - running[k].start > kWallLimit;
-      if (late) ::kill(running[k].child.pid, SIGKILL);
-      if (late || waits[k].revents != 0) return finish_one(k);
+      if (now > running[k].child.deadline || waits[k].revents != 0) return finish_one(k);
     }
   };
   for (std::size_t i = 0; i < args.sources.size() && g_interrupted == 0; ++i) {
     while (static_cast<int>(running.size()) >= processes && g_interrupted == 0) finish_any();
     auto child = start_isolated([&] { return work_on(args, args.sources[i], stems[i]); },
-                                args.job.sandbox, {});
+                                {.may = {.reads = readable(args, args.sources[i]),
+                                         .writes = {args.job.output},
+                                         .may_fork = true},
+                                 .sandbox = args.job.sandbox});
     if (child) {
       running.push_back({*child, i});
     } else {
@@ -236,7 +242,7 @@ int retarget_command(const RetargetArgs& given) {
   }
   if (args.job.sandbox == SandboxMode::require && !sandbox_available()) {
     print_error({.code = "sandbox-unavailable",
-                 .message = "this system has no seccomp filter",
+                 .message = "this system confines by " + sandbox_level() + " only",
                  .hint = "see `limber doctor`, or use --sandbox auto"});
     return kEnvironment;
   }
@@ -257,7 +263,7 @@ int retarget_command(const RetargetArgs& given) {
         if (!target) return told(target.error());
         return json{{"label", target->label}}.dump(-1, ' ', false, json::error_handler_t::replace);
       },
-      args.job.sandbox);
+      {.may = {.reads = readable(args, "")}, .sandbox = args.job.sandbox});
   if (!checked) {
     Error error = checked.error();
     error.file = args.target;

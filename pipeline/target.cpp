@@ -7,6 +7,7 @@
 #include "pipeline/anatomy.h"
 #include "pipeline/embedded.h"
 #include "pipeline/file_io.h"
+#include "pipeline/reading_budget.h"
 
 namespace limber {
 namespace {
@@ -190,7 +191,7 @@ Result<Target> load_target(const std::string& name_or_path, const TargetOptions&
     if (!rig) return with_file(rig.error());
     target = target_from_rig(std::move(*rig), path.stem().string(), options);
   } else {
-    auto imported = import_file(path, options.import);
+    auto imported = import_within_budget(path, options.import);
     if (!imported) return with_file(imported.error());
     target = target_from_character(std::move(*imported), path.stem().string(), options);
   }

@@ -7,6 +7,7 @@
 #include "pipeline/commands.h"
 #include "pipeline/gates.h"
 #include "pipeline/measure.h"
+#include "pipeline/reading_budget.h"
 #include "validation/contact_detection.h"
 #include "validation/limit_check.h"
 
@@ -42,7 +43,7 @@ struct Performance {
 Result<Performance> load_performance(const std::string& path, bool keep_reference_frame) {
   ImportOptions options;
   options.keep_reference_frame = keep_reference_frame;
-  auto imported = import_file(path, options);
+  auto imported = import_within_budget(path, options);
   const auto in_file = [&](Error error) {
     if (error.file.empty()) error.file = path;
     return error;
@@ -177,7 +178,8 @@ int validate_command(const ValidateArgs& args) {
     gates = std::move(*read);
   }
   const auto answer =
-      run_isolated([&] { return check(args).dump(2, ' ', false, json::error_handler_t::replace); });
+      run_isolated([&] { return check(args).dump(2, ' ', false, json::error_handler_t::replace); },
+                   {.may = {.reads = {args.file, args.source, args.rig}}});
   if (!answer) {
     Error error = answer.error();
     error.file = args.file;

@@ -8,14 +8,14 @@
 
 #include "importers/bvh_parser.h"
 #include "importers/frame_rate.h"
-#include "tests/importers/bvh_writer.h"
+#include "tests/importers/bvh_dialects.h"
 #include "tests/importers/support.h"
 
 namespace limber::test {
 namespace {
 
 /// Largest distance, m, of any joint in any frame from the figure's true motion.
-double largest_miss(const Imported& imported, int frames) {
+double largest_miss(const Imported& imported, int frames, const std::string& prefix = "") {
   const Skeleton& skeleton = imported.character.skeleton;
   EXPECT_EQ(imported.clips.at(0).frames(), frames);
   double miss = 0.0;
@@ -23,55 +23,12 @@ double largest_miss(const Imported& imported, int frames) {
     const auto points = joint_positions(skeleton, imported.clips[0].frame(f));
     const auto truth = figure_positions(f);
     for (std::size_t j = 0; j < figure().size(); ++j) {
-      const std::int32_t joint = skeleton.find(figure()[j].name);
+      const std::int32_t joint = skeleton.find(prefix + figure()[j].name);
       EXPECT_NE(joint, kNoJoint) << figure()[j].name;
       if (joint != kNoJoint) miss = std::max(miss, (points[joint] - truth[j]).norm());
     }
   }
   return miss;
-}
-
-struct NamedDialect {
-  std::string name;
-  Dialect dialect;
-};
-
-std::vector<NamedDialect> dialects() {
-  std::vector<NamedDialect> all;
-  const auto add = [&](const std::string& name, auto&& change) {
-    Dialect dialect;
-    change(dialect);
-    all.push_back({name, dialect});
-  };
-  for (const char* order : {"XYZ", "XZY", "YXZ", "YZX", "ZXY", "ZYX"}) {
-    add(order, [&](Dialect& d) { d.order = order; });
-  }
-  add("mixed_orders", [](Dialect& d) { d.mixed_orders = true; });
-  add("six_channels", [](Dialect& d) { d.six_channels = true; });
-  add("zero_filled", [](Dialect& d) { d.zero_filled = true; });
-  add("rotation_first", [](Dialect& d) { d.rotation_first = true; });
-  add("z_up", [](Dialect& d) { d.z_up = true; });
-  add("z_up_motion_on_y_up_offsets", [](Dialect& d) { d.z_up = d.y_up_offsets = true; });
-  add("metres", [](Dialect& d) { d.unit_m = 1.0; });
-  add("millimetres", [](Dialect& d) { d.unit_m = 0.001; });
-  add("decimetres", [](Dialect& d) { d.unit_m = 0.1; });
-  add("inches", [](Dialect& d) { d.unit_m = 0.0254; });
-  add("cmu", [](Dialect& d) { d.unit_m = 0.0254 / 0.45; });
-  add("cr", [](Dialect& d) { d.eol = "\r"; });
-  add("crlf", [](Dialect& d) { d.eol = "\r\n"; });
-  add("bom", [](Dialect& d) { d.bom = true; });
-  add("tabs", [](Dialect& d) { d.tabs = true; });
-  add("lower_case", [](Dialect& d) { d.lower_case = true; });
-  add("brace_on_line", [](Dialect& d) { d.brace_on_line = true; });
-  add("no_end_sites", [](Dialect& d) { d.end_sites = false; });
-  add("exponents", [](Dialect& d) { d.exponents = true; });
-  add("everything", [](Dialect& d) {
-    d.mixed_orders = d.six_channels = d.rotation_first = d.z_up = d.tabs = d.bom = d.lower_case =
-        d.brace_on_line = d.exponents = true;
-    d.eol = "\r";
-    d.unit_m = 0.0254;
-  });
-  return all;
 }
 
 class BvhDialect : public testing::TestWithParam<NamedDialect> {};
@@ -80,7 +37,7 @@ TEST_P(BvhDialect, GivesTheSameMotion) {
   const Dialect& dialect = GetParam().dialect;
   const auto imported = import_text(BvhWriter(dialect).write(), "bvh");
   ASSERT_TRUE(imported) << imported.error().message;
-  EXPECT_LT(largest_miss(*imported, dialect.frames), 1e-4);
+  EXPECT_LT(largest_miss(*imported, dialect.frames, dialect.name_prefix_utf8), 1e-4);
   EXPECT_DOUBLE_EQ(imported->clips[0].rate_hz, 30.0);
   EXPECT_NEAR(imported->facts.unit_m, dialect.unit_m, 1e-12) << imported->facts.unit_evidence;
   EXPECT_EQ(imported->facts.up, dialect.z_up ? "+Z" : "+Y");
@@ -90,13 +47,14 @@ TEST_P(BvhDialect, GivesTheSameMotion) {
 }
 
 TEST_P(BvhDialect, RestPoseStandsWithItsOffsets) {
-  const auto imported = import_text(BvhWriter(GetParam().dialect).write(), "bvh");
+  const Dialect& dialect = GetParam().dialect;
+  const auto imported = import_text(BvhWriter(dialect).write(), "bvh");
   ASSERT_TRUE(imported);
   const Skeleton& skeleton = imported->character.skeleton;
   const auto points = joint_positions(skeleton, skeleton.rest_parent_from_joint);
   Eigen::Vector3d head = Eigen::Vector3d::Zero();
   for (int j = 4; j >= 0; j = figure()[j].parent) head += figure()[j].offset;
-  EXPECT_LT((points[skeleton.find("Head")] - head).norm(), 1e-4);
+  EXPECT_LT((points[skeleton.find(dialect.name_prefix_utf8 + "Head")] - head).norm(), 1e-4);
 }
 
 INSTANTIATE_TEST_SUITE_P(All, BvhDialect, testing::ValuesIn(dialects()),
@@ -266,6 +224,16 @@ TEST(BvhReader, DamageHasACode) {
     EXPECT_EQ(imported.error().code, text_and_code.second) << name;
     EXPECT_FALSE(imported.error().hint.empty()) << name;
   }
+}
+
+TEST(BvhReader, LengthsBeyondMeasureAreRefused) {
+  std::string text = BvhWriter({}).write();
+  const std::size_t spine = text.find("OFFSET", text.find("Spine"));
+  text.replace(spine, text.find('\n', spine) - spine, "OFFSET 0 1e290 0");
+  const auto imported = import_text(text, "bvh");
+  ASSERT_FALSE(imported);
+  EXPECT_EQ(imported.error().code, "size-absurd");
+  EXPECT_EQ(imported.error().joint, "Spine");
 }
 
 TEST(BvhReader, NanNamesItsJointAndFrame) {

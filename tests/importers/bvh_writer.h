@@ -5,6 +5,7 @@
 #include <array>
 #include <cmath>
 #include <cstdio>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -13,7 +14,7 @@
 namespace limber::test {
 
 struct FigureJoint {
-  const char* name;
+  std::string name;
   int parent;
   Eigen::Vector3d offset;  ///< metres, Y up
 };
@@ -60,6 +61,14 @@ inline std::vector<Eigen::Vector3d> figure_positions(int frame) {
   return points;
 }
 
+/// What is written: joints (parents first, one root) and their motion, metres and Y up.
+struct Performance {
+  std::vector<FigureJoint> joints;
+  std::function<Eigen::Quaterniond(int joint, int frame)> rotation;  ///< local
+  std::function<Eigen::Vector3d(int frame)> root;
+};
+inline Performance figure_performance() { return {figure(), figure_rotation, figure_root}; }
+
 struct Dialect {
   std::string order = "ZXY";
   bool mixed_orders = false;  ///< joint j uses the j-th of the six orders
@@ -76,6 +85,8 @@ struct Dialect {
   bool brace_on_line = false;
   bool end_sites = true;
   bool exponents = false;
+  std::string name_prefix;       ///< bytes in any encoding
+  std::string name_prefix_utf8;  ///< what they mean
   bool reference_frame = false;  ///< frame 0 holds the offsets' own pose
   int frames = 20;
   std::string frame_time = "0.0333333";
@@ -83,7 +94,8 @@ struct Dialect {
 
 class BvhWriter {
  public:
-  explicit BvhWriter(Dialect dialect) : d_(std::move(dialect)) {
+  explicit BvhWriter(Dialect dialect, Performance performance = figure_performance())
+      : d_(std::move(dialect)), p_(std::move(performance)) {
     // canonical = turn * file
     if (d_.z_up) turn_ = Eigen::AngleAxisd(-M_PI / 2, Eigen::Vector3d::UnitX());
   }
@@ -124,13 +136,13 @@ class BvhWriter {
   bool has_position(int joint) const { return joint == 0 || d_.six_channels || d_.zero_filled; }
 
   Eigen::Vector3d offset(int joint) const {
-    const Eigen::Vector3d o = figure()[joint].offset / d_.unit_m;
+    const Eigen::Vector3d o = p_.joints[joint].offset / d_.unit_m;
     return d_.y_up_offsets ? o : turn_.conjugate() * o;
   }
 
   void joint(int j, int depth) {
     const std::string pad(depth, '\t');
-    const std::string name = figure()[j].name;
+    const std::string name = d_.name_prefix + p_.joints[j].name;
     const std::string head = pad + word(j == 0 ? "ROOT " : "JOINT ");
     out_ += head + name + (d_.brace_on_line ? " {" : d_.eol + pad + "{") + d_.eol;
     line(pad + "\tOFFSET" + gap() + vector(offset(j)));
@@ -145,8 +157,8 @@ class BvhWriter {
     }
     line(pad + "\tCHANNELS" + channels);
     bool leaf = true;
-    for (int c = j + 1; c < int(figure().size()); ++c) {
-      if (figure()[c].parent != j) continue;
+    for (int c = j + 1; c < int(p_.joints.size()); ++c) {
+      if (p_.joints[c].parent != j) continue;
       joint(c, depth + 1);
       leaf = false;
     }
@@ -162,10 +174,10 @@ class BvhWriter {
   void row(int frame) {
     std::string text;
     for_each_depth_first(0, [&](int j) {
-      Eigen::Vector3d p = frame < 0 ? figure()[j].offset
-                          : j == 0  ? figure_root(frame)
-                                    : figure()[j].offset;
-      Eigen::Quaterniond r = frame < 0 ? Eigen::Quaterniond::Identity() : figure_rotation(j, frame);
+      Eigen::Vector3d p = frame < 0 ? p_.joints[j].offset
+                          : j == 0  ? p_.root(frame)
+                                    : p_.joints[j].offset;
+      Eigen::Quaterniond r = frame < 0 ? Eigen::Quaterniond::Identity() : p_.rotation(j, frame);
       if (!d_.y_up_offsets) {
         p = turn_.conjugate() * p;
         r = turn_.conjugate() * r * turn_;
@@ -193,12 +205,13 @@ class BvhWriter {
   template <class Visit>
   void for_each_depth_first(int j, const Visit& visit) {
     visit(j);
-    for (int c = j + 1; c < int(figure().size()); ++c) {
-      if (figure()[c].parent == j) for_each_depth_first(c, visit);
+    for (int c = j + 1; c < int(p_.joints.size()); ++c) {
+      if (p_.joints[c].parent == j) for_each_depth_first(c, visit);
     }
   }
 
   Dialect d_;
+  Performance p_;
   Eigen::Quaterniond turn_ = Eigen::Quaterniond::Identity();
   std::string out_;
 };

@@ -295,6 +295,9 @@ class ClipJob {
       record_.errors.push_back(r.error());
       summary.status = Status::fail;
     }
+    for (const Error& error : record_.errors) {
+      if (error.code == "output-unwritable") summary.unwritten = error.message;
+    }
     if (!record_.errors.empty()) {
       summary.code = record_.errors.front().code;
       summary.message = record_.errors.front().message;
@@ -354,20 +357,24 @@ ClipSummary refuse(const std::string& path, const std::string& stem, const Targe
   record.source_path = path;
   record.target = target;
   record.errors.push_back(in_file(error, path));
+  Result<void> written;
   if (error.code == "map-not-a-figure" && target != nullptr) {
     if (auto imported = import_file(path, options.import)) {
-      (void)write_whole(options.output / (stem + ".map.json"),
-                        map_json({path, &imported->character, nullptr},
-                                 {target->path, &target->character, &target->figure}));
+      written = write_whole(options.output / (stem + ".map.json"),
+                            map_json({path, &imported->character, nullptr},
+                                     {target->path, &target->character, &target->figure}));
     }
   }
-  (void)write_whole(options.output / (stem + ".report.json"), report_json(record));
+  if (written) {
+    written = write_whole(options.output / (stem + ".report.json"), report_json(record));
+  }
   return {.source = path,
           .clip = "",
           .stem = stem,
           .status = Status::fail,
           .code = error.code,
-          .message = error.message};
+          .message = error.message,
+          .unwritten = written ? "" : written.error().message};
 }
 
 }  // namespace
@@ -382,6 +389,44 @@ Result<TargetOptions> target_options(const JobOptions& options) {
     out.roles = map->target;
   }
   return out;
+}
+
+std::string label_of(const std::string& target) {
+  return shipped_rig(target) ? target : fs::path(target).stem().string();
+}
+
+Result<std::string> check_target(const std::string& target, const JobOptions& job) {
+  if (job.sandbox == SandboxMode::require && !sandbox_available()) {
+    return Error{.code = "sandbox-unavailable",
+                 .message = "this system has no seccomp filter",
+                 .hint = "see `limber doctor`, or use --sandbox auto"};
+  }
+  const auto told = [](const json& document) {
+    return document.dump(-1, ' ', false, json::error_handler_t::replace);
+  };
+  const auto error_of = [](const Error& e) {
+    return json{{"code", e.code},
+                {"message", e.message},
+                {"file", e.file},
+                {"joint", e.joint},
+                {"hint", e.hint}};
+  };
+  const auto checked = run_isolated(
+      [&] {
+        const auto options = target_options(job);
+        if (!options) return told(error_of(options.error()));
+        const auto read = load_target(target, *options);
+        return told(read ? json{{"label", read->label}} : error_of(read.error()));
+      },
+      job.sandbox);
+  if (!checked) return in_file(checked.error(), target);
+  const json answer = json::parse(*checked, nullptr, false);
+  if (answer.contains("label")) return answer["label"].get<std::string>();
+  return Error{.code = answer.value("code", "process-failed"),
+               .message = answer.value("message", "the target's process gave no answer"),
+               .file = answer.value("file", target),
+               .joint = answer.value("joint", ""),
+               .hint = answer.value("hint", "")};
 }
 
 std::vector<ClipSummary> run_source(const std::string& source_path, const std::string& stem,
@@ -426,7 +471,8 @@ std::string to_json(const std::vector<ClipSummary>& summaries) {
                    {"message", s.message},
                    {"error_p95_mm", s.error_p95_mm},
                    {"violations", s.violations},
-                   {"frames", s.frames}});
+                   {"frames", s.frames},
+                   {"unwritten", s.unwritten}});
   }
   return out.dump(-1, ' ', false, json::error_handler_t::replace);
 }
@@ -451,6 +497,7 @@ std::vector<ClipSummary> summaries_from_json(const std::string& text) {
     clip.status = status == 0.0 ? Status::pass : status == 1.0 ? Status::warn : Status::fail;
     clip.code = text_of("code");
     clip.message = text_of("message");
+    clip.unwritten = text_of("unwritten");
     clip.error_p95_mm = number("error_p95_mm");
     clip.violations = static_cast<std::int64_t>(number("violations"));
     clip.frames = static_cast<std::int64_t>(number("frames"));

@@ -29,6 +29,12 @@ struct JobOptions {
 /// How the target of a job is read: the map's roles, and the reader of the whole program.
 Result<TargetOptions> target_options(const JobOptions&);
 
+/// Reads the target in a process of its own, so that nothing of a stranger's file comes near the
+/// caller: its label, or why it cannot be read (`sandbox-unavailable`: why it was not tried).
+Result<std::string> check_target(const std::string& target, const JobOptions&);
+/// The label without reading the target.
+std::string label_of(const std::string& target);
+
 /// One line of the summary.
 struct ClipSummary {
   std::string source, clip, stem;
@@ -36,6 +42,7 @@ struct ClipSummary {
   std::string code, message;  ///< of the first error, or else of the last warning
   double error_p95_mm = 0.0;
   std::int64_t violations = 0, frames = 0;
+  std::string unwritten = {};  ///< why an output could not be written; empty where all were
 };
 
 /// Retargets every clip of one source (or the one that is named) and writes files, sheet and report

@@ -1,0 +1,117 @@
+#include "pipeline/process_pool.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <poll.h>
+#include <sys/types.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <thread>
+#include <utility>
+
+namespace limber {
+namespace {
+
+/// No honest answer is longer.
+constexpr std::size_t kLongestAnswer = std::size_t(64) << 20;
+
+/// What every child does before its task.
+void settle_child(pid_t parent) {
+  // The parent may have died before the child asked to die with it (prctl(2), PR_SET_PDEATHSIG).
+  if (::getppid() != parent) ::_exit(1);
+  std::signal(SIGINT, SIG_IGN);
+  std::signal(SIGTERM, SIG_IGN);
+  std::signal(SIGHUP, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_DFL);
+  sigset_t none;
+  sigemptyset(&none);
+  ::sigprocmask(SIG_SETMASK, &none, nullptr);
+}
+
+}  // namespace
+
+int processes_or_cores(int processes) {
+  if (processes > 0) return processes;
+  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+Result<void> ProcessPool::start(std::size_t task, const std::function<std::string()>& work) {
+  const pid_t parent = ::getpid();
+  auto child = start_isolated(
+      [&] {
+        settle_child(parent);
+        return work();
+      },
+      options_.sandbox, options_.caps);
+  if (!child) return child.error();
+  ::fcntl(child->answer_fd, F_SETFL, O_NONBLOCK);
+  running_.push_back({task, *child, Clock::now(), ""});
+  return {};
+}
+
+/// True at the end of the answer, or where it grows beyond reason.
+bool ProcessPool::read_some(Running& running) {
+  std::array<char, 65536> buffer;
+  for (;;) {
+    const ssize_t n = ::read(running.child.answer_fd, buffer.data(), buffer.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) return errno != EAGAIN;
+    if (n == 0) return true;
+    running.answer.append(buffer.data(), static_cast<std::size_t>(n));
+    if (running.answer.size() > kLongestAnswer) {
+      ::kill(running.child.pid, SIGKILL);
+      return true;
+    }
+  }
+}
+
+ProcessPool::Ended ProcessPool::finish(std::size_t k, bool late) {
+  Running running = std::move(running_[k]);
+  running_.erase(running_.begin() + static_cast<std::ptrdiff_t>(k));
+  if (late) ::kill(running.child.pid, SIGKILL);
+  ::fcntl(running.child.answer_fd, F_SETFL, 0);
+  auto end = finish_isolated(running.child);
+  const double seconds = std::chrono::duration<double>(Clock::now() - running.start).count();
+  if (late) {
+    end = Error{.code = "process-timeout",
+                .message = fmt::format("the clip took longer than {} s", options_.wall.count()),
+                .hint = "cut the clip with --range, or allow it more time"};
+  } else if (end) {
+    end = running.answer + *end;
+  }
+  return {running.task, std::move(end), seconds};
+}
+
+std::optional<ProcessPool::Ended> ProcessPool::wait(const sigset_t* unblocked) {
+  std::vector<pollfd> waits;
+  while (!running_.empty()) {
+    waits.clear();
+    auto deadline = Clock::time_point::max();
+    for (const Running& r : running_) {
+      waits.push_back({r.child.answer_fd, POLLIN, 0});
+      deadline = std::min(deadline, r.start + options_.wall);
+    }
+    const auto left = std::max(Clock::duration::zero(), deadline - Clock::now());
+    const auto s = std::chrono::duration_cast<std::chrono::seconds>(left);
+    const timespec timeout{s.count(), std::chrono::nanoseconds(left - s).count()};
+    const int ready = ::ppoll(waits.data(), waits.size(), &timeout, unblocked);
+    if (ready < 0 && errno == EINTR) return std::nullopt;
+    const auto now = Clock::now();
+    for (std::size_t k = 0; k < waits.size(); ++k) {
+      const bool ended = waits[k].revents != 0 && read_some(running_[k]);
+      const bool late = !ended && now - running_[k].start >= options_.wall;
+      if (ended || late) return finish(k, late);
+    }
+  }
+  return std::nullopt;
+}
+
+void ProcessPool::kill_all() {
+  for (const Running& r : running_) ::kill(r.child.pid, SIGKILL);
+  while (!running_.empty()) finish(running_.size() - 1, true);
+}
+
+}  // namespace limber

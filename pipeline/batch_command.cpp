@@ -12,6 +12,7 @@
 #include "pipeline/commands.h"
 #include "pipeline/file_io.h"
 #include "pipeline/progress.h"
+#include "pipeline/target_check.h"
 #include "pipeline/version.h"
 
 namespace limber {
@@ -105,8 +106,8 @@ std::vector<ClipSummary> run_one(const Prepared& batch, std::size_t item, const 
   options.import.on_reference = [&](const fs::path& path) { read.push_back(path.string()); };
   auto target_import = target_options(options);
   if (target_import) target_import->import.on_reference = options.import.on_reference;
-  const auto target = target_import ? load_target(aim.path, *target_import)
-                                    : Result<Target>(target_import.error());
+  const auto target =
+      target_import ? load_target(aim.path, *target_import) : Result<Target>(target_import.error());
   if (target) return run_source(source.path, source.stem, *target, options);
   // It has been read once, so it changed while the batch ran.
   return {record_death(source.path, source.stem, label_of(aim.path), target.error(), options)};
@@ -137,8 +138,8 @@ BatchWork work_of(const Prepared& batch, const std::string& program) {
     JobOptions options = batch.options;
     options.output = folder;
     const BatchSource& source = batch.plan.source(item);
-    return record_death(source.path, source.stem, batch.plan.labels[batch.plan.target(item)],
-                        error, options);
+    return record_death(source.path, source.stem, batch.plan.labels[batch.plan.target(item)], error,
+                        options);
   };
   return work;
 }
@@ -153,12 +154,8 @@ json item_event(const BatchRecord& record) {
     clips.push_back(std::move(clip));
   }
   for (const FileStamp& file : record.files) files.push_back(file.path);
-  return {{"event", "item"},
-          {"item", record.item},
-          {"clips", clips},
-          {"files", files},
-          {"attempts", record.attempts},
-          {"seconds", record.seconds}};
+  return {{"event", "item"}, {"item", record.item},         {"clips", clips},
+          {"files", files},  {"attempts", record.attempts}, {"seconds", record.seconds}};
 }
 
 BatchObserver observer_of(std::optional<Progress>& progress, bool as_json) {
@@ -175,8 +172,8 @@ BatchObserver observer_of(std::optional<Progress>& progress, bool as_json) {
   observer.retried = [&progress, as_json](const std::string& item, const Error& error) {
     progress->say(fmt::format("{}: {}; once more", item, error.message));
     if (as_json) {
-      print_event({{"event", "retry"}, {"item", item}, {"code", error.code},
-                   {"message", error.message}});
+      print_event(
+          {{"event", "retry"}, {"item", item}, {"code", error.code}, {"message", error.message}});
     }
   };
   observer.draining = [&progress](std::size_t running) {
@@ -206,10 +203,10 @@ void print_outcome(const BatchOutcome& outcome, const Prepared& batch, const Bat
     fmt::print(stderr, "to run the failed ones again: {} --retry-failed\n", again);
   }
   if (!args.json) return;
-  json event{{"event", "end"},           {"passed", outcome.passed}, {"warned", outcome.warned},
-             {"failed", outcome.failed}, {"items", outcome.items},
-             {"finished_before", outcome.resumed}, {"left", outcome.left},
-             {"exit_code", exit_code_of(outcome)}};
+  json event{{"event", "end"},           {"passed", outcome.passed},
+             {"warned", outcome.warned}, {"failed", outcome.failed},
+             {"items", outcome.items},   {"finished_before", outcome.resumed},
+             {"left", outcome.left},     {"exit_code", exit_code_of(outcome)}};
   if (outcome.stopped) {
     event["error"] = {{"code", outcome.stopped->code}, {"message", outcome.stopped->message}};
   }

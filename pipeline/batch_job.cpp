@@ -120,8 +120,8 @@ class JobReader {
 
   Result<void> read_options(const json& value) {
     if (!value.is_object()) return bad_field("/options", "expected an object", R"({"rate": 30})");
-    static const std::set<std::string, std::less<>> kElsewhere = {"target", "output", "map", "jobs",
-                                                                  "json", "help"};
+    static const std::set<std::string, std::less<>> kElsewhere = {"target", "output", "map",
+                                                                  "jobs",   "json",   "help"};
     for (const auto& [key, option] : value.items()) {
       const std::string pointer = "/options/" + key;
       if (kElsewhere.contains(key) || key.empty() || key.starts_with("-")) {

@@ -16,8 +16,8 @@ struct BatchTarget {
   std::string map;   ///< a map file for this target; empty: the job's
 };
 
-/// A batch as its job file describes it: format `limber-job/1`, assets/data/schemas/job.schema.json.
-/// Paths are relative to the job file's folder.
+/// A batch as its job file describes it: format `limber-job/1`,
+/// assets/data/schemas/job.schema.json. Paths are relative to the job file's folder.
 struct BatchJob {
   std::vector<std::string> sources;  ///< files, folders, patterns (* ? [a-z] **), @lists
   std::vector<BatchTarget> targets;

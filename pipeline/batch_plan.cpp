@@ -24,11 +24,10 @@ namespace fs = std::filesystem;
 /// What file systems may take for one name: case folded (Unicode, C+F), in normal form C.
 std::string folded(const std::string& name) {
   utf8proc_uint8_t* out = nullptr;
-  const auto options = static_cast<utf8proc_option_t>(UTF8PROC_STABLE | UTF8PROC_COMPOSE |
-                                                      UTF8PROC_CASEFOLD);
-  const auto size =
-      utf8proc_map(reinterpret_cast<const utf8proc_uint8_t*>(name.data()),
-                   static_cast<utf8proc_ssize_t>(name.size()), &out, options);
+  const auto options =
+      static_cast<utf8proc_option_t>(UTF8PROC_STABLE | UTF8PROC_COMPOSE | UTF8PROC_CASEFOLD);
+  const auto size = utf8proc_map(reinterpret_cast<const utf8proc_uint8_t*>(name.data()),
+                                 static_cast<utf8proc_ssize_t>(name.size()), &out, options);
   const std::unique_ptr<utf8proc_uint8_t, decltype(&std::free)> keep(out, &std::free);
   if (size < 0) return case_folded(name);  // not UTF-8: bytes
   return {reinterpret_cast<const char*>(out), static_cast<std::size_t>(size)};
@@ -157,14 +156,13 @@ Result<void> check_collisions(const BatchPlan& plan) {
     const auto [other, fresh] = taken.emplace(folded(plan.name(i)), i);
     if (fresh) continue;
     const bool one_source = plan.source(i).path == plan.source(other->second).path;
-    return Error{
-        .code = "output-collision",
-        .message = one_source
-                       ? fmt::format("two targets are called '{}'", plan.labels[plan.target(i)])
-                       : fmt::format("'{}' and '{}' would both become '{}'",
-                                     plan.source(other->second).path, plan.source(i).path,
-                                     plan.name(i)),
-        .hint = "rename one of them, or give them outputs of their own in two jobs"};
+    return Error{.code = "output-collision",
+                 .message = one_source ? fmt::format("two targets are called '{}'",
+                                                     plan.labels[plan.target(i)])
+                                       : fmt::format("'{}' and '{}' would both become '{}'",
+                                                     plan.source(other->second).path,
+                                                     plan.source(i).path, plan.name(i)),
+                 .hint = "rename one of them, or give them outputs of their own in two jobs"};
   }
   return {};
 }

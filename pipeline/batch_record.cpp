@@ -124,8 +124,7 @@ Result<void> Journal::append(const BatchRecord& record) {
   return {};
 }
 
-void read_journal(const std::filesystem::path& path,
-                  const std::function<void(BatchRecord)>& take) {
+void read_journal(const std::filesystem::path& path, const std::function<void(BatchRecord)>& take) {
   std::ifstream in(path, std::ios::binary);
   for (std::string line; std::getline(in, line);) {
     if (auto record = record_from_json(line)) take(std::move(*record));

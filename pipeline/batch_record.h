@@ -19,7 +19,7 @@ struct BatchRecord {
   std::string recipe;  ///< hash of everything that decides the outputs besides the inputs' contents
   std::string staged;  ///< the folder in which its outputs waited
   std::vector<FileStamp> inputs;
-  std::vector<FileStamp> files;  ///< paths below the output folder, reports last; without times
+  std::vector<FileStamp> files;      ///< paths below the output folder, reports last; without times
   std::vector<std::string> removes;  ///< outputs of an earlier run that this one no longer makes
   std::vector<ClipSummary> clips;
   int attempts = 1;

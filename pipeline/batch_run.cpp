@@ -147,8 +147,8 @@ class BatchRun {
         if (!unchanged(stamp, options_.verify)) return false;
         continue;
       }
-      const std::string key = fmt::format("{}\n{}\n{}\n{}", stamp.path, stamp.bytes,
-                                          stamp.mtime_ns, stamp.hash);
+      const std::string key =
+          fmt::format("{}\n{}\n{}\n{}", stamp.path, stamp.bytes, stamp.mtime_ns, stamp.hash);
       const auto [known, fresh] = looked_at_.try_emplace(key, false);
       if (fresh) known->second = unchanged(stamp, options_.verify);
       if (!known->second) return false;

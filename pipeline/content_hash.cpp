@@ -15,17 +15,19 @@
 namespace limber {
 namespace {
 
-std::string hex(XXH128_hash_t hash) { return fmt::format("{:016x}{:016x}", hash.high64, hash.low64); }
+std::string hex(XXH128_hash_t hash) {
+  return fmt::format("{:016x}{:016x}", hash.high64, hash.low64);
+}
 
 /// Size and time of a regular file; nullopt where there is none.
 std::optional<FileStamp> look_at(const std::string& path) {
   struct stat info {};
   if (::stat(path.c_str(), &info) != 0 || !S_ISREG(info.st_mode)) return std::nullopt;
-  return FileStamp{.path = path,
-                   .bytes = info.st_size,
-                   .mtime_ns = std::int64_t(info.st_mtim.tv_sec) * 1'000'000'000 +
-                               info.st_mtim.tv_nsec,
-                   .hash = ""};
+  return FileStamp{
+      .path = path,
+      .bytes = info.st_size,
+      .mtime_ns = std::int64_t(info.st_mtim.tv_sec) * 1'000'000'000 + info.st_mtim.tv_nsec,
+      .hash = ""};
 }
 
 Error cannot_read(const std::filesystem::path& path, int error) {

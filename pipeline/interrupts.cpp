@@ -14,7 +14,8 @@ Interrupts::Interrupts() {
   g_interrupts = 0;
   sigset_t blocked;
   sigemptyset(&blocked);
-  struct sigaction count {}, ignore {};
+  struct sigaction count {
+  }, ignore{};
   count.sa_handler = on_interrupt;
   ignore.sa_handler = SIG_IGN;
   for (std::size_t i = 0; i < kCounted.size(); ++i) {

@@ -29,12 +29,6 @@ struct JobOptions {
 /// How the target of a job is read: the map's roles, and the reader of the whole program.
 Result<TargetOptions> target_options(const JobOptions&);
 
-/// Reads the target in a process of its own, so that nothing of a stranger's file comes near the
-/// caller: its label, or why it cannot be read (`sandbox-unavailable`: why it was not tried).
-Result<std::string> check_target(const std::string& target, const JobOptions&);
-/// The label without reading the target.
-std::string label_of(const std::string& target);
-
 /// One line of the summary.
 struct ClipSummary {
   std::string source, clip, stem;

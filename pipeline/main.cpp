@@ -117,9 +117,8 @@ class Program {
     try {
       program.app_.parse(arguments);
     } catch (const CLI::ParseError& e) {
-      return Error{.code = "job-field",
-                   .message = e.what(),
-                   .hint = "see `limber retarget --help`"};
+      return Error{
+          .code = "job-field", .message = e.what(), .hint = "see `limber retarget --help`"};
     }
     return program.retarget_.job;
   }

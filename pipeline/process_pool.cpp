@@ -3,7 +3,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <poll.h>
-#include <sys/types.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <algorithm>
@@ -29,6 +29,16 @@ void settle_child(pid_t parent) {
   sigset_t none;
   sigemptyset(&none);
   ::sigprocmask(SIG_SETMASK, &none, nullptr);
+}
+
+/// Whether SIGKILL ended a child, which no limit of its own does (setrlimit(2)): most likely the
+/// system ran out of memory. Waits for the child and leaves it to be reaped.
+bool was_killed(pid_t pid) {
+  siginfo_t info{};
+  while (::waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOWAIT) != 0) {
+    if (errno != EINTR) return false;
+  }
+  return info.si_code == CLD_KILLED && info.si_status == SIGKILL;
 }
 
 }  // namespace
@@ -72,6 +82,8 @@ ProcessPool::Ended ProcessPool::finish(std::size_t k, bool late) {
   Running running = std::move(running_[k]);
   running_.erase(running_.begin() + static_cast<std::ptrdiff_t>(k));
   if (late) ::kill(running.child.pid, SIGKILL);
+  const bool ours = late || running.answer.size() > kLongestAnswer;
+  const bool killed = !ours && was_killed(running.child.pid);
   ::fcntl(running.child.answer_fd, F_SETFL, 0);
   auto end = finish_isolated(running.child);
   const double seconds = std::chrono::duration<double>(Clock::now() - running.start).count();
@@ -79,6 +91,10 @@ ProcessPool::Ended ProcessPool::finish(std::size_t k, bool late) {
     end = Error{.code = "process-timeout",
                 .message = fmt::format("the clip took longer than {} s", options_.wall.count()),
                 .hint = "cut the clip with --range, or allow it more time"};
+  } else if (killed) {
+    end = Error{.code = "process-crashed",
+                .message = "the clip's process was killed from outside",
+                .hint = "where memory ran out, use fewer processes (-j)"};
   } else if (end) {
     end = running.answer + *end;
   }

@@ -11,6 +11,7 @@
 #include "pipeline/interrupts.h"
 #include "pipeline/process_pool.h"
 #include "pipeline/progress.h"
+#include "pipeline/target_check.h"
 
 namespace limber {
 namespace {
@@ -62,8 +63,7 @@ std::vector<ClipSummary> run_all(const RetargetArgs& args, const std::string& ta
   };
   for (std::size_t i = 0; interrupts.count() == 0;) {
     if (i < args.sources.size() && !pool.full()) {
-      const auto started =
-          pool.start(i, [&] { return work_on(args, args.sources[i], stems[i]); });
+      const auto started = pool.start(i, [&] { return work_on(args, args.sources[i], stems[i]); });
       if (!started) take(i, started.error());
       ++i;
     } else if (pool.idle()) {

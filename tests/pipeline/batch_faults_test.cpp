@@ -1,5 +1,6 @@
-// What a batch promises when it is killed and when the disk fails (DESIGN, "Nothing is lost"), tried
-// at every system call that writes. A fault is planted in the running program, not in a model of it.
+// What a batch promises when it is killed and when the disk fails (DESIGN, "Nothing is lost"),
+// tried at every system call that writes. A fault is planted in the running program, not in a model
+// of it.
 #include <gtest/gtest.h>
 #include <time.h>
 
@@ -80,8 +81,8 @@ TEST(BatchFaults, KilledAgainAndAgainItEndsAllTheSame) {
   BatchGround ground;
   furnish(ground);
   int runs = 0;
-  // Every run is killed at its 14th call: enough for an item to be finished now and then.
-  while (ground.run({"-j", "1", "--resume"}, ground.with_fault("kill:14")) == -SIGKILL) {
+  // Enough calls to commit an item, not enough to put all its files into place.
+  while (ground.run({"-j", "1", "--resume"}, ground.with_fault("kill:23")) == -SIGKILL) {
     expect_part_of(ground.tree(), whole, "run " + std::to_string(runs));
     ASSERT_LT(++runs, 20);
   }
@@ -97,8 +98,9 @@ TEST(BatchFaults, AChildKilledAtAnyCallIsTriedOnceMore) {
   const Tree whole = ground.tree();
   ground.clear();
   ASSERT_EQ(ground.run({"-j", "1"}, ground.with_fault("count")), 0);
+  const long calls = ground.counted();
   int children = 0;
-  for (long n = 1; n <= ground.counted(); ++n) {
+  for (long n = 1; n <= calls; ++n) {
     ground.clear();
     const int code = ground.run({"-j", "1"}, ground.with_fault("crash:" + std::to_string(n)));
     if (code == -SIGKILL) continue;  // the parent's own call

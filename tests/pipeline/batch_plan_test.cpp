@@ -1,8 +1,9 @@
 // What a job asks for, and what is refused before any work.
+#include "pipeline/batch_plan.h"
+
 #include <gtest/gtest.h>
 
 #include "pipeline/batch_job.h"
-#include "pipeline/batch_plan.h"
 #include "tests/pipeline/program.h"
 
 namespace limber {
@@ -71,13 +72,15 @@ TEST(BatchPlan, RefusesWhatMatchesNothing) {
 
 TEST(BatchPlan, RefusesCollisionsBeforeWork) {
   const Place place({"a/walk.bvh", "a/walk.fbx", "b/Walk.bvh", "c/caf\xC3\xA9.bvh",
-                     "d/cafe\xCC\x81.bvh", "e/stra\xC3\x9F" "e.bvh", "f/STRASSE.bvh",
-                     "g/x:y.bvh", "h/x_y.bvh"});
+                     "d/cafe\xCC\x81.bvh",
+                     "e/stra\xC3\x9F"
+                     "e.bvh",
+                     "f/STRASSE.bvh", "g/x:y.bvh", "h/x_y.bvh"});
   EXPECT_EQ(planned({"a/*"}), "output-collision");
-  EXPECT_EQ(planned({"a/*.bvh", "b/*"}), "output-collision");   // case
-  EXPECT_EQ(planned({"c/*", "d/*"}), "output-collision");       // composed or not
-  EXPECT_EQ(planned({"e/*", "f/*"}), "output-collision");       // full case folding
-  EXPECT_EQ(planned({"g/*", "h/*"}), "output-collision");       // made safe
+  EXPECT_EQ(planned({"a/*.bvh", "b/*"}), "output-collision");  // case
+  EXPECT_EQ(planned({"c/*", "d/*"}), "output-collision");      // composed or not
+  EXPECT_EQ(planned({"e/*", "f/*"}), "output-collision");      // full case folding
+  EXPECT_EQ(planned({"g/*", "h/*"}), "output-collision");      // made safe
   EXPECT_EQ(planned({"a/*.bvh"}, {"hero", "HERO"}), "output-collision");
   EXPECT_EQ(planned({"**/[Ww]alk.bvh"}), "a/walk.bvh>a/walk b/Walk.bvh>b/Walk");
 }

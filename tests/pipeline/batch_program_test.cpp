@@ -46,7 +46,8 @@ TEST(BatchProgram, ListsExactlyWhatItWillWrite) {
   std::istringstream in(ground.log());
   for (std::string line; std::getline(in, line);) {
     if (!line.starts_with("{")) continue;
-    for (const std::string path : json::parse(line)["outputs"]) planned.insert(path);
+    const json event = json::parse(line);
+    for (const std::string path : event["outputs"]) planned.insert(path);
   }
   EXPECT_EQ(planned.size(), 3U * 2U * 4U);
   EXPECT_EQ(ground.run(), 1);
@@ -88,11 +89,11 @@ TEST(BatchProgram, TheSameBytesForAnyProcessesShardsAndPlace) {
 
 TEST(BatchProgram, FilesThatASourceRefersToAreInputs) {
   const limber_test::Folder made;
-  ASSERT_EQ(limber({"retarget", own_clip("body_range_of_motion.bvh").string(), "--target",
-                    "biped-full", "--refine", "none", "--range", "0:3", "--formats", "glb", "-o",
-                    made.string()})
-                .exit_code,
-            0);
+  ASSERT_EQ(
+      limber({"retarget", own_clip("body_range_of_motion.bvh").string(), "--target", "biped-full",
+              "--refine", "none", "--range", "0:3", "--formats", "glb", "-o", made.string()})
+          .exit_code,
+      0);
   // The GLB's two chunks as a .gltf and its buffer beside it (glTF 2.0, section 4.4).
   const std::string glb = text_of(made / "body_range_of_motion@biped-full.glb");
   std::uint32_t json_bytes = 0;
@@ -123,13 +124,14 @@ TEST(BatchProgram, FaultsOfTheCallerEndItBeforeWork) {
     return code;
   };
   EXPECT_EQ(refused(R"("targets": ["no-such-rig"])", "file-missing"), 2);
-  EXPECT_EQ(refused(R"("targets": ["hand"], "options": {"refine": "perhaps"})",
-                    "at /options/refine"), 2);
+  EXPECT_EQ(
+      refused(R"("targets": ["hand"], "options": {"refine": "perhaps"})", "at /options/refine"), 2);
   EXPECT_EQ(refused(R"("targets": ["hand"], "options": {"colour": 3})", "at /options/colour"), 2);
   EXPECT_EQ(refused(R"("targets": ["hand", "hand"])", "output-collision"), 2);
   EXPECT_EQ(refused(R"("targets": "hand")", "at /targets"), 2);
   ground.write_job(kQuick);
   EXPECT_EQ(ground.run({"--shard", "4/3"}), 2);
+  ground.clear();
   write_text(ground.out(), "a file where the folder should be");
   EXPECT_EQ(ground.run(), 3);
 }

@@ -109,8 +109,12 @@ TEST(Batch, ABadItemCostsItselfAlone) {
   alone.put(good);
   ASSERT_EQ(alone.run(), 0);
   auto sources = good;
-  sources.insert({{"crash.txt", "crash"}, {"flaky.txt", "flaky"}, {"hang.txt", "hang"},
-                  {"hog.txt", "hog"}, {"liar.txt", "liar"}, {"mute.txt", "mute"},
+  sources.insert({{"crash.txt", "crash"},
+                  {"flaky.txt", "flaky"},
+                  {"hang.txt", "hang"},
+                  {"hog.txt", "hog"},
+                  {"liar.txt", "liar"},
+                  {"mute.txt", "mute"},
                   {"bad.txt", "bad"}});
   BatchGround ground;
   ground.put(sources, R"("targets": ["hero"], "caps": {"wall_s": 2, "memory_mb": 512})");
@@ -163,10 +167,9 @@ TEST(Batch, TheSameTreeForAnyNumberOfProcessesAndShards) {
     ground.clear();
     std::vector<pid_t> shards;  // all at once, as a cluster runs them
     for (int i = 1; i <= n; ++i) {
-      shards.push_back(
-          ground.start({"--shard", std::to_string(i) + "/" + std::to_string(n)}));
+      shards.push_back(ground.start({"--shard", std::to_string(i) + "/" + std::to_string(n)}));
     }
-    for (const pid_t shard : shards) EXPECT_EQ(BatchGround::finish(shard), 1);
+    for (const pid_t shard : shards) EXPECT_LE(BatchGround::finish(shard), 1);  // some have no bad
     EXPECT_EQ(ground.tree(), whole) << n;
     EXPECT_EQ(ground.run({"--resume"}), 1);  // the whole batch knows what its shards did
     EXPECT_TRUE(ground.lines("ran").empty()) << n;
@@ -241,8 +244,11 @@ TEST(BatchRecord, SurvivesItsJournal) {
                              .inputs = {{"in/\"walk\".bvh", 12, 34567890123456789, "h"}},
                              .files = {{"a/walk@hero.glb", 5, 0, "g"}},
                              .removes = {"a/walk@hero.bvh"},
-                             .clips = {{.source = "in", .clip = "c", .stem = "walk@hero",
-                                        .status = limber::Status::warn, .code = "x",
+                             .clips = {{.source = "in",
+                                        .clip = "c",
+                                        .stem = "walk@hero",
+                                        .status = limber::Status::warn,
+                                        .code = "x",
                                         .message = "line\nbreak"}},
                              .attempts = 2,
                              .seconds = 0.5};

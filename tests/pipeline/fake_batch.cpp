@@ -43,8 +43,12 @@ std::vector<ClipSummary> play(const BatchPlan& plan, std::size_t item, const fs:
   std::istringstream words(content);
   std::string what, argument;
   words >> what >> argument;
-  ClipSummary clip{.source = path, .clip = "", .stem = plan.stem(item), .status = Status::pass,
-                   .code = "", .message = ""};
+  ClipSummary clip{.source = path,
+                   .clip = "",
+                   .stem = plan.stem(item),
+                   .status = Status::pass,
+                   .code = "",
+                   .message = ""};
   if (what == "crash") std::abort();
   if (what == "mute") ::_exit(0);
   while (what == "hang") ::pause();
@@ -64,7 +68,8 @@ std::vector<ClipSummary> play(const BatchPlan& plan, std::size_t item, const fs:
     read.push_back((fs::path(path).parent_path() / argument).string());
     content += read_text(read.back()).ok() ? *read_text(read.back()) : "nothing";
   }
-  if (what == "bad") clip.status = Status::fail, clip.code = "bad", clip.message = "as it was asked";
+  if (what == "bad")
+    clip.status = Status::fail, clip.code = "bad", clip.message = "as it was asked";
   write_outputs(plan, item, folder, content, clip);
   return {clip};
 }
@@ -98,8 +103,12 @@ int run(const std::vector<std::string>& arguments) {
     return play(*plan, item, folder, read);
   };
   work.bury = [&](std::size_t item, const fs::path& folder, const Error& error) {
-    ClipSummary clip{.source = plan->source(item).path, .clip = "", .stem = plan->stem(item),
-                     .status = Status::fail, .code = error.code, .message = error.message};
+    ClipSummary clip{.source = plan->source(item).path,
+                     .clip = "",
+                     .stem = plan->stem(item),
+                     .status = Status::fail,
+                     .code = error.code,
+                     .message = error.message};
     write_outputs(*plan, item, folder, error.code, clip);
     return clip;
   };

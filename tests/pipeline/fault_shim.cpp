@@ -30,8 +30,13 @@ struct Shared {
   pid_t program = 0;
 };
 
+enum class Action { count, kill, crash, fail };
+
+// No constructors: a program may call in before they run.
 Shared* g_shared = nullptr;
-std::string g_action, g_root;
+const char* g_root = "";
+Action g_action = Action::count;
+int g_error = 0;
 long g_at = 0;
 bool g_onwards = false;
 
@@ -54,13 +59,17 @@ __attribute__((constructor)) void prepare() {
   const char* fault = std::getenv("LIMBER_FAULT");
   const char* root = std::getenv("LIMBER_FAULT_ROOT");
   if (fault == nullptr || root == nullptr) return;
-  const std::string text = fault;
-  g_action = text.substr(0, text.find(':'));
+  const std::string text = fault, action = text.substr(0, text.find(':'));
+  g_action = action == "count"   ? Action::count
+             : action == "kill"  ? Action::kill
+             : action == "crash" ? Action::crash
+                                 : Action::fail;
+  g_error = action == "ENOSPC" ? ENOSPC : action == "EFBIG" ? EFBIG : EIO;
   g_root = root;
-  g_at = text.find(':') == std::string::npos ? 0 : std::atol(text.c_str() + text.find(':') + 1);
+  g_at = action == text ? 0 : std::atol(text.c_str() + action.size() + 1);
   g_onwards = text.ends_with('+');
-  void* page = ::mmap(nullptr, sizeof(Shared), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS,
-                      -1, 0);
+  void* page =
+      ::mmap(nullptr, sizeof(Shared), PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
   if (page == MAP_FAILED) return;
   g_shared = new (page) Shared;
   g_shared->program = ::getpid();
@@ -74,7 +83,7 @@ bool is_below_root(const char* path) {
   if (path[0] != '/' && ::getcwd(resolved, sizeof(resolved)) != nullptr) {
     full = std::string(resolved) + "/" + path;
   }
-  return full.starts_with(g_root + "/");
+  return full.starts_with(std::string(g_root) + "/");
 }
 
 bool is_below_root(int fd) {
@@ -83,11 +92,11 @@ bool is_below_root(int fd) {
   const ssize_t n = ::readlink(link, target, sizeof(target) - 1);
   if (n <= 0) return false;
   target[n] = '\0';
-  return is_below_root(static_cast<const char*>(target)) || g_root == target;
+  return is_below_root(static_cast<const char*>(target)) || std::strcmp(g_root, target) == 0;
 }
 
 void kill_now() {
-  if (g_action == "kill") ::kill(g_shared->program, SIGKILL);
+  if (g_action == Action::kill) ::kill(g_shared->program, SIGKILL);
   ::kill(::getpid(), SIGKILL);
   ::pause();
 }
@@ -97,10 +106,10 @@ template <class FirstHalf>
 int fault(bool needs_space, const FirstHalf& first_half) {
   const long call = ++g_shared->calls;
   const bool now = call == g_at || (g_onwards && needs_space && call > g_at);
-  if (g_action == "count" || !now) return 0;
+  if (g_action == Action::count || !now) return 0;
   first_half();
-  if (g_action == "kill" || g_action == "crash") kill_now();
-  return g_action == "ENOSPC" ? ENOSPC : g_action == "EFBIG" ? EFBIG : EIO;
+  if (g_action != Action::fail) kill_now();
+  return g_error;
 }
 
 int fault(bool needs_space) {

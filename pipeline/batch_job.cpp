@@ -37,7 +37,7 @@ class JobReader {
 
  private:
   static constexpr const char* kExample =
-      R"(such as {"sources": ["clips/**/*.bvh"], "targets": ["biped-full"], "output": "out"})";
+      R"(such as {"sources": ["clips/**/*.bvh"], "targets": ["hand"], "output": "out"})";
 
   Result<void> read_field(const std::string& key, const json& value) {
     const std::string pointer = "/" + key;

@@ -1,7 +1,8 @@
 // fake_batch JOB.json [batch options]: Limber's batch with a make-believe clip's work, so that its
 // guarantees can be tried by the thousand. The first word of a source says what becomes of it:
 //
-//   ok        three files and a report          bad    a report alone, status fail
+//   ok        two files and a report            bad    a report alone, status fail
+//   twin      the same for each of two clips
 //   crash     the process dies                  flaky  it dies the first time only
 //   hang      it never ends                     hog    it asks for memory without end
 //   liar      its answer names a file elsewhere mute   it answers nothing
@@ -25,13 +26,11 @@ namespace {
 namespace fs = std::filesystem;
 using namespace limber;
 
-void write_outputs(const BatchPlan& plan, std::size_t item, const fs::path& folder,
-                   const std::string& content, ClipSummary& clip) {
-  const std::string stem = plan.stem(item);
+void write_outputs(const fs::path& folder, const std::string& content, ClipSummary& clip) {
   for (const char* suffix : {".bvh", ".glb", ".report.json"}) {
-    const std::string text = stem + suffix + "\n" + content + std::string(600, '.') + "\n";
+    const std::string text = clip.stem + suffix + "\n" + content + std::string(600, '.') + "\n";
     if (clip.status == Status::fail && std::strcmp(suffix, ".report.json") != 0) continue;
-    const auto r = write_whole(folder / (stem + suffix), text);
+    const auto r = write_whole(folder / (clip.stem + suffix), text);
     if (!r) clip.unwritten = r.error().message;
   }
 }
@@ -70,8 +69,16 @@ std::vector<ClipSummary> play(const BatchPlan& plan, std::size_t item, const fs:
   }
   if (what == "bad")
     clip.status = Status::fail, clip.code = "bad", clip.message = "as it was asked";
-  write_outputs(plan, item, folder, content, clip);
-  return {clip};
+  if (what != "twin") {
+    write_outputs(folder, content, clip);
+    return {clip};
+  }
+  std::vector<ClipSummary> clips(2, clip);
+  for (int k = 0; k < 2; ++k) {
+    clips[k].stem.insert(plan.source(item).stem.size(), k == 0 ? "#a" : "#b");
+    write_outputs(folder, content, clips[k]);
+  }
+  return clips;
 }
 
 int run(const std::vector<std::string>& arguments) {
@@ -109,7 +116,7 @@ int run(const std::vector<std::string>& arguments) {
                      .status = Status::fail,
                      .code = error.code,
                      .message = error.message};
-    write_outputs(*plan, item, folder, error.code, clip);
+    write_outputs(folder, error.code, clip);
     return clip;
   };
   BatchObserver observer;

@@ -186,6 +186,20 @@ Result<Imported> import_checked(std::span<const std::byte> bytes, std::string_vi
   return imported;
 }
 
+/// The folder's resolver, which also tells of what is asked for and may be asked for.
+UriResolver telling_resolver(const std::filesystem::path& folder, const ImportOptions& options) {
+  UriResolver resolve = folder_resolver(folder);
+  if (!options.on_reference) return resolve;
+  return [resolve, folder, tell = options.on_reference](std::string_view uri) {
+    Result<std::vector<std::byte>> bytes = resolve(uri);
+    const bool refused = !bytes && bytes.error().code == "uri-refused";
+    if (!refused && !uri.starts_with("data:")) {
+      tell(folder / percent_decoded(uri).value_or(std::string(uri)));
+    }
+    return bytes;
+  };
+}
+
 }  // namespace
 
 Result<Imported> import_bytes(std::span<const std::byte> bytes, std::string_view extension,
@@ -200,8 +214,8 @@ Result<Imported> import_file(const std::filesystem::path& path, const ImportOpti
   Result<Imported> imported = guarded<Imported>([&]() -> Result<Imported> {
     Result<std::vector<std::byte>> bytes = read_whole_file(path);
     if (!bytes) return bytes.error();
-    return import_bytes(*bytes, path.extension().string(), folder_resolver(path.parent_path()),
-                        options);
+    return import_bytes(*bytes, path.extension().string(),
+                        telling_resolver(path.parent_path(), options), options);
   });
   if (!imported) imported.error().file = path.string();
   return imported;

@@ -26,6 +26,9 @@ struct ImportOptions {
   std::optional<char> up;        ///< 'y' or 'z'; overrides likewise
   /// Keep frame 0 even where it is the separate T-pose of a MotionBuilder conversion.
   bool keep_reference_frame = false;
+  /// Told of every file beside it that a file refers to, whether it is there or not; import_file
+  /// alone calls it.
+  std::function<void(const std::filesystem::path&)> on_reference = {};
 };
 
 /// What the file was before it became canonical; `limber inspect` prints it.

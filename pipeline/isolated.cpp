@@ -23,12 +23,12 @@
 namespace limber {
 namespace {
 
-/// Lowers a limit for good.
-void set_limit(__rlimit_resource resource, std::uint64_t value) {
+/// Lowers a limit for good; to `value` at once, `beyond` it at the utmost.
+void set_limit(__rlimit_resource resource, std::uint64_t value, std::uint64_t beyond = 0) {
   struct rlimit limit {};
   if (::getrlimit(resource, &limit) != 0) return;
-  limit.rlim_max = std::min<rlim_t>(limit.rlim_max, value);
-  limit.rlim_cur = std::min(limit.rlim_cur, limit.rlim_max);
+  limit.rlim_max = std::min<rlim_t>(limit.rlim_max, value + beyond);
+  limit.rlim_cur = std::min<rlim_t>(limit.rlim_cur, value);
   ::setrlimit(resource, &limit);
 }
 
@@ -57,7 +57,7 @@ int keep_only(int answer_fd) {
 bool confine(const Isolation& isolation) {
   set_limit(RLIMIT_CORE, 0);
   if (kMemoryCanBeLimited) set_limit(RLIMIT_AS, isolation.limits.memory_bytes);
-  set_limit(RLIMIT_CPU, isolation.limits.cpu_seconds);
+  set_limit(RLIMIT_CPU, isolation.limits.cpu_seconds, 1);  // SIGXCPU first, not SIGKILL
   set_limit(RLIMIT_FSIZE, isolation.limits.file_bytes);
   if (isolation.sandbox == SandboxMode::off) return true;
   const JailSupport holds = enter_jail(isolation.may);
@@ -113,13 +113,19 @@ Error died(int status) {
                .hint = "please report this file"};
 }
 
+Error over_time(const IsolationLimits& limits) {
+  return {.code = "process-timeout",
+          .message = fmt::format("the clip took longer than {} s", limits.wall_seconds),
+          .hint = "cut the clip with --range, or allow it more time"};
+}
+
 /// Reads until the end, the deadline or too much; the latter two are told.
-std::optional<Error> collect(const IsolatedChild& child, std::string& answer) {
+std::optional<Error> collect(IsolatedChild& child) {
   std::array<char, 65536> buffer;
-  for (;;) {
+  while (child.answer.size() <= child.limits.answer_bytes) {
     const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(
         child.deadline - std::chrono::steady_clock::now());
-    if (left.count() <= 0) return over_limit("the clip's process took too long");
+    if (left.count() <= 0) return over_time(child.limits);
     struct pollfd wait {
       child.answer_fd, POLLIN, 0
     };
@@ -129,11 +135,9 @@ std::optional<Error> collect(const IsolatedChild& child, std::string& answer) {
     const ssize_t n = ::read(child.answer_fd, buffer.data(), buffer.size());
     if (n < 0 && errno == EINTR) continue;
     if (n <= 0) return std::nullopt;
-    if (answer.size() + static_cast<std::size_t>(n) > child.answer_bytes) {
-      return over_limit("the clip's process said more than it may");
-    }
-    answer.append(buffer.data(), static_cast<std::size_t>(n));
+    child.answer.append(buffer.data(), static_cast<std::size_t>(n));
   }
+  return over_limit("the clip's process said more than it may");
 }
 
 }  // namespace
@@ -154,22 +158,20 @@ Result<IsolatedChild> start_isolated(const std::function<std::string()>& work,
   }
   if (pid == 0) child_main(ends[1], work, isolation);
   ::close(ends[1]);
-  return IsolatedChild{
-      pid, ends[0],
-      std::chrono::steady_clock::now() + std::chrono::seconds(isolation.limits.wall_seconds),
-      isolation.limits.answer_bytes};
+  const auto deadline =
+      std::chrono::steady_clock::now() + std::chrono::seconds(isolation.limits.wall_seconds);
+  return IsolatedChild{pid, ends[0], isolation.limits, deadline};
 }
 
 Result<std::string> finish_isolated(IsolatedChild child) {
-  std::string answer;
-  const std::optional<Error> stopped = collect(child, answer);
+  const std::optional<Error> stopped = collect(child);
   if (stopped) ::kill(child.pid, SIGKILL);
   ::close(child.answer_fd);
   int status = 0;
   while (::waitpid(child.pid, &status, 0) < 0 && errno == EINTR) {
   }
   if (stopped) return *stopped;
-  if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return answer;
+  if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return std::move(child.answer);
   return died(status);
 }
 
@@ -177,7 +179,7 @@ Result<std::string> run_isolated(const std::function<std::string()>& work,
                                  const Isolation& isolation) {
   auto child = start_isolated(work, isolation);
   if (!child) return child.error();
-  return finish_isolated(*child);
+  return finish_isolated(std::move(*child));
 }
 
 bool sandbox_available() {

@@ -35,16 +35,17 @@ struct Isolation {
 
 /// Runs `work` in a jailed child process and returns the text it returns. A crash, a caught
 /// exception or a broken limit costs the child alone. Call from a single-threaded process.
-/// Errors: `process-crashed` (signal), `process-limit` (memory, CPU, wall clock, answer),
-/// `process-failed`, `sandbox-unavailable`.
+/// Errors: `process-crashed` (signal), `process-limit` (memory, CPU, file, answer),
+/// `process-timeout` (wall clock), `process-failed`, `sandbox-unavailable`.
 Result<std::string> run_isolated(const std::function<std::string()>& work, const Isolation& = {});
 
 /// A child that runs while the parent goes on; `pid` and the read end of its answer.
 struct IsolatedChild {
   int pid = -1;
   int answer_fd = -1;
+  IsolationLimits limits = {};
   std::chrono::steady_clock::time_point deadline = {};
-  std::uint64_t answer_bytes = 0;
+  std::string answer = {};  ///< what has been read of it
 };
 Result<IsolatedChild> start_isolated(const std::function<std::string()>& work, const Isolation&);
 /// Waits for the child, at most until its deadline, and collects its answer.

@@ -315,6 +315,9 @@ class ClipJob {
       record_.errors.push_back(r.error());
       summary.status = Status::fail;
     }
+    for (const Error& error : record_.errors) {
+      if (error.code == "output-unwritable") summary.unwritten = error.message;
+    }
     if (!record_.errors.empty()) {
       summary.code = record_.errors.front().code;
       summary.message = record_.errors.front().message;
@@ -374,20 +377,24 @@ ClipSummary refuse(const std::string& path, const std::string& stem, const Targe
   record.source_path = path;
   record.target = target;
   record.errors.push_back(in_file(error, path));
+  Result<void> written;
   if (error.code == "map-not-a-figure" && target != nullptr) {
     if (auto imported = import_within_budget(path, options.import)) {
-      (void)write_whole(options.output / (stem + ".map.json"),
-                        map_json({path, &imported->character, nullptr},
-                                 {target->path, &target->character, &target->figure}));
+      written = write_whole(options.output / (stem + ".map.json"),
+                            map_json({path, &imported->character, nullptr},
+                                     {target->path, &target->character, &target->figure}));
     }
   }
-  (void)write_whole(options.output / (stem + ".report.json"), report_json(record));
+  if (written) {
+    written = write_whole(options.output / (stem + ".report.json"), report_json(record));
+  }
   return {.source = path,
           .clip = "",
           .stem = stem,
           .status = Status::fail,
           .code = error.code,
-          .message = error.message};
+          .message = error.message,
+          .unwritten = written ? "" : written.error().message};
 }
 
 }  // namespace
@@ -446,7 +453,8 @@ std::string to_json(const std::vector<ClipSummary>& summaries) {
                    {"message", s.message},
                    {"error_p95_mm", s.error_p95_mm},
                    {"violations", s.violations},
-                   {"frames", s.frames}});
+                   {"frames", s.frames},
+                   {"unwritten", s.unwritten}});
   }
   return out.dump(-1, ' ', false, json::error_handler_t::replace);
 }
@@ -471,6 +479,7 @@ std::vector<ClipSummary> summaries_from_json(const std::string& text) {
     clip.status = status == 0.0 ? Status::pass : status == 1.0 ? Status::warn : Status::fail;
     clip.code = text_of("code");
     clip.message = text_of("message");
+    clip.unwritten = text_of("unwritten");
     clip.error_p95_mm = number("error_p95_mm");
     clip.violations = static_cast<std::int64_t>(number("violations"));
     clip.frames = static_cast<std::int64_t>(number("frames"));

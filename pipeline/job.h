@@ -37,6 +37,7 @@ struct ClipSummary {
   std::string code, message;  ///< of the first error, or else of the last warning
   double error_p95_mm = 0.0;
   std::int64_t violations = 0, frames = 0;
+  std::string unwritten = {};  ///< why an output could not be written; empty where all were
 };
 
 /// Retargets every clip of one source (or the one that is named) and writes files, sheet and report

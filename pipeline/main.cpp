@@ -7,6 +7,7 @@
 #include <exception>
 #include <sstream>
 
+#include "pipeline/batch_command.h"
 #include "pipeline/bench_command.h"
 #include "pipeline/commands.h"
 #include "pipeline/pose_command.h"
@@ -91,6 +92,7 @@ class Program {
     add_map();
     add_rig();
     add_retarget();
+    add_batch();
     add_pose();
     add_validate();
     add_sheet();
@@ -106,6 +108,21 @@ class Program {
       return app_.exit(e) == 0 ? kAllPassed : kUsage;
     }
     return code_;
+  }
+
+  /// What flags of `limber retarget` mean; nothing is run.
+  static Result<JobOptions> parse_retarget_flags(const std::vector<std::string>& flags) {
+    Program program;
+    program.parse_only_ = true;
+    std::vector<std::string> arguments(flags.rbegin(), flags.rend());  // CLI11 takes the last first
+    arguments.insert(arguments.end(), {"output", "-o", "target", "--target", "source", "retarget"});
+    try {
+      program.app_.parse(arguments);
+    } catch (const CLI::ParseError& e) {
+      return Error{
+          .code = "job-field", .message = e.what(), .hint = "see `limber retarget --help`"};
+    }
+    return program.retarget_.job;
   }
 
  private:
@@ -215,7 +232,25 @@ class Program {
     job.sandbox = sandbox_ == "auto"  ? SandboxMode::automatic
                   : sandbox_ == "off" ? SandboxMode::off
                                       : SandboxMode::require;
-    return retarget_command(retarget_);
+    return parse_only_ ? kAllPassed : retarget_command(retarget_);
+  }
+
+  void add_batch() {
+    auto* c = app_.add_subcommand("batch", "retarget many clips onto many targets, as a job says");
+    c->add_option("job", batch_.job, "limber-job/1, see assets/data/schemas/job.schema.json")
+        ->required();
+    c->add_option("-j,--jobs", batch_.processes, "clips at a time; 0: one per core")
+        ->check(CLI::NonNegativeNumber);
+    c->add_option("--shard", batch_.shard, "I/N: the I-th of N parts, counted from 1");
+    c->add_flag("--resume", batch_.resume, "leave out what is finished and has not changed");
+    c->add_flag("--verify", batch_.verify, "resume, but read every input and output again");
+    c->add_flag("--retry-failed", batch_.retry_failed, "resume, and run failed clips again");
+    c->add_flag("--dry-run", batch_.dry_run, "list every output and stop");
+    c->add_flag("--json", batch_.json, "events on standard output, one JSON document a line");
+    c->callback([this] {
+      batch_.parse_flags = parse_retarget_flags;
+      code_ = batch_command(batch_);
+    });
   }
 
   void add_pose() {
@@ -305,6 +340,8 @@ class Program {
   RigShowArgs rig_show_;
   bool rig_json_ = false, doctor_json_ = false;
   RetargetArgs retarget_;
+  bool parse_only_ = false;
+  BatchArgs batch_;
   std::string clip_, range_, map_file_, limits_ = "on", contacts_ = "on", collision_ = "on",
                                         root_ = "scale", refine_ = "frame", solver_ = "pgs",
                                         reference_, fingers_ = "rest", sandbox_ = "auto";

@@ -10,7 +10,7 @@ namespace limber {
 
 /// Where two capsules of one space are nearest to each other, m.
 struct CapsuleGap {
-  double gap = 0.0;             ///< between the surfaces; below 0 they overlap
+  double gap = 0.0;            ///< between the surfaces; below 0 they overlap
   Eigen::Vector3d on_a, on_b;  ///< on the capsules' axes
 };
 CapsuleGap capsule_gap(const Capsule& a, const Capsule& b);

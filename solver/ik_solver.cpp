@@ -185,8 +185,8 @@ IkSolver::~IkSolver() = default;
 Result<IkSolver> IkSolver::create(const Rig& rig, const IkOptions& options) {
   if (Result<void> valid = validate(rig); !valid) return valid.error();
   if (!(options.damping > 0.0) || options.max_relinearisations < 1 || options.sweeps < 1 ||
-      !(options.stop_step >= 0.0) || options.restarts < 0 || options.separations < 0 || !(options.dt >= 0.0) ||
-      !(options.relaxation > 0.0 && options.relaxation < 2.0)) {
+      !(options.stop_step >= 0.0) || options.restarts < 0 || options.separations < 0 ||
+      !(options.dt >= 0.0) || !(options.relaxation > 0.0 && options.relaxation < 2.0)) {
     return Error{.code = "solver-options",
                  .message =
                      "damping must be positive; relinearisations and sweeps at least one; "

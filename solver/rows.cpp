@@ -98,9 +98,8 @@ IkRows::IkRows(const Rig& rig, const IkTree& tree, const IkOptions& options)
   collision_ = collision_ && capsules_.pair_count() > 0;
   none_ = none_ && levels_.size() <= 1 && couplings_.empty() && speeds_.empty() && !collision_ &&
           options.separations == 0;
-  capacity_ =
-      6 * links_.size() + couplings_.size() + 2 * speeds_.size() + (collision_ ? kMaxContacts : 0) +
-      static_cast<std::size_t>(options.separations);
+  capacity_ = 6 * links_.size() + couplings_.size() + 2 * speeds_.size() +
+              (collision_ ? kMaxContacts : 0) + static_cast<std::size_t>(options.separations);
   separations_.reserve(static_cast<std::size_t>(options.separations));
   if (collision_) contacts_.reserve(kMaxContacts);
 }

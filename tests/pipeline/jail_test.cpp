@@ -227,7 +227,7 @@ TEST(IsolatedLimits, EndlessLoopsSleepsAndSpeechesEnd) {
                        std::this_thread::sleep_for(std::chrono::minutes(10));
                        return std::string();
                      }),
-            "process-limit");
+            "process-timeout");
   EXPECT_EQ(ended_by({.answer_bytes = 1000}, [] { return std::string(200'000, 'x'); }),
             "process-limit");
   EXPECT_EQ(ended_by({.answer_bytes = 1000}, [] { return std::string(1000, 'x'); }), "answered");

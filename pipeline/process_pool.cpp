@@ -1,0 +1,122 @@
+#include "pipeline/process_pool.h"
+
+#include <fcntl.h>
+#include <fmt/format.h>
+#include <poll.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <array>
+#include <cerrno>
+#include <thread>
+#include <utility>
+
+namespace limber {
+namespace {
+
+/// What every child does before its task.
+void settle_child(pid_t parent) {
+  // The parent may have died before the child asked to die with it (prctl(2), PR_SET_PDEATHSIG).
+  if (::getppid() != parent) ::_exit(1);
+  std::signal(SIGINT, SIG_IGN);
+  std::signal(SIGTERM, SIG_IGN);
+  std::signal(SIGHUP, SIG_IGN);
+  std::signal(SIGXFSZ, SIG_DFL);
+  sigset_t none;
+  sigemptyset(&none);
+  ::sigprocmask(SIG_SETMASK, &none, nullptr);
+}
+
+/// Whether SIGKILL ended a child, which no limit of its own does (setrlimit(2)): most likely the
+/// system ran out of memory. Waits for the child and leaves it to be reaped.
+bool was_killed(pid_t pid) {
+  siginfo_t info{};
+  while (::waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOWAIT) != 0) {
+    if (errno != EINTR) return false;
+  }
+  return info.si_code == CLD_KILLED && info.si_status == SIGKILL;
+}
+
+}  // namespace
+
+int processes_or_cores(int processes) {
+  if (processes > 0) return processes;
+  return std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+Result<void> ProcessPool::start(std::size_t task, const std::function<std::string()>& work,
+                                const JailRules& may) {
+  const pid_t parent = ::getpid();
+  auto child = start_isolated(
+      [&] {
+        settle_child(parent);
+        return work();
+      },
+      {.may = may, .sandbox = options_.sandbox, .limits = options_.limits});
+  if (!child) return child.error();
+  ::fcntl(child->answer_fd, F_SETFL, O_NONBLOCK);
+  running_.push_back({task, std::move(*child), Clock::now()});
+  return {};
+}
+
+/// True at the end of the answer, or where it is longer than it may be.
+bool ProcessPool::read_some(IsolatedChild& child) {
+  std::array<char, 65536> buffer;
+  while (child.answer.size() <= child.limits.answer_bytes) {
+    const ssize_t n = ::read(child.answer_fd, buffer.data(), buffer.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) return errno != EAGAIN;
+    if (n == 0) return true;
+    child.answer.append(buffer.data(), static_cast<std::size_t>(n));
+  }
+  return true;
+}
+
+ProcessPool::Ended ProcessPool::finish(std::size_t k) {
+  Running running = std::move(running_[k]);
+  running_.erase(running_.begin() + static_cast<std::ptrdiff_t>(k));
+  IsolatedChild& child = running.child;
+  const bool within_limits =
+      Clock::now() < child.deadline && child.answer.size() <= child.limits.answer_bytes;
+  const bool killed = within_limits && was_killed(child.pid);
+  ::fcntl(child.answer_fd, F_SETFL, 0);
+  auto answer = finish_isolated(std::move(child));
+  const double seconds = std::chrono::duration<double>(Clock::now() - running.start).count();
+  if (killed) {
+    answer = Error{.code = "process-crashed",
+                   .message = "the clip's process was killed from outside",
+                   .hint = "where memory ran out, use fewer processes (-j)"};
+  }
+  return {running.task, std::move(answer), seconds};
+}
+
+std::optional<ProcessPool::Ended> ProcessPool::wait(const sigset_t* unblocked) {
+  std::vector<pollfd> waits;
+  while (!running_.empty()) {
+    waits.clear();
+    auto deadline = Clock::time_point::max();
+    for (const Running& r : running_) {
+      waits.push_back({r.child.answer_fd, POLLIN, 0});
+      deadline = std::min(deadline, r.child.deadline);
+    }
+    const auto left = std::max(Clock::duration::zero(), deadline - Clock::now());
+    const auto s = std::chrono::duration_cast<std::chrono::seconds>(left);
+    const timespec timeout{s.count(), std::chrono::nanoseconds(left - s).count()};
+    const int ready = ::ppoll(waits.data(), waits.size(), &timeout, unblocked);
+    if (ready < 0 && errno == EINTR) return std::nullopt;
+    const auto now = Clock::now();
+    for (std::size_t k = 0; k < waits.size(); ++k) {
+      const bool ended = waits[k].revents != 0 && read_some(running_[k].child);
+      if (ended || now >= running_[k].child.deadline) return finish(k);
+    }
+  }
+  return std::nullopt;
+}
+
+void ProcessPool::kill_all() {
+  for (const Running& r : running_) ::kill(r.child.pid, SIGKILL);
+  while (!running_.empty()) finish(running_.size() - 1);
+}
+
+}  // namespace limber

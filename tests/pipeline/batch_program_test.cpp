@@ -138,11 +138,33 @@ TEST(BatchProgram, FaultsOfTheCallerEndItBeforeWork) {
   EXPECT_EQ(ground.run(), 3);
 }
 
+TEST(BatchProgram, AClipThatOnlyAGateFailsIsToldApart) {
+  Ground ground;
+  fs::remove(ground.in() / "broken.bvh");
+  fs::remove(ground.in() / "own/gestures_right_hand.bvh");
+  const fs::path gates = ground.job().parent_path() / "gates.json";
+  const auto write_gates = [&](const char* limit) {
+    write_text(gates, std::string(R"({"format": "limber/gates/1", "gates": )") +
+                          R"([{"figure": "target/joints", "fail": )" + limit + "}]}");
+  };
+  ground.write_job(R"("targets": ["biped-full"], "gates": "gates.json",)"
+                   R"("options": {"refine": "none", "range": "0:3"})");
+  write_gates("3");
+  EXPECT_EQ(ground.run(), 4) << ground.log();
+  write_gates("300");
+  EXPECT_EQ(ground.run({"--resume"}), 0) << "other gates are other work\n" << ground.log();
+  EXPECT_EQ(ground.run({"--resume"}), 0);
+  EXPECT_EQ(ground.log().find("[1/1]"), std::string::npos) << "nothing has changed";
+}
+
 TEST(BatchProgram, KilledItResumes) {
 #if defined(__SANITIZE_ADDRESS__)
   GTEST_SKIP() << "the sanitizer wants to be preloaded first";
 #endif
   Ground ground;
+  // In the jail no clip's process can kill its parent.
+  ground.write_job(R"("targets": ["biped-full", "hand"],)"
+                   R"("options": {"refine": "none", "range": "0:3", "sandbox": "off"})");
   ASSERT_EQ(ground.run({"-j", "1"}, ground.with_fault("count")), 1);
   const auto whole = ground.tree();
   const long calls = ground.counted();
@@ -166,7 +188,7 @@ TEST(BatchProgram, JobsFollowTheirSchema) {
   const json good = json::parse(R"([
     {"sources": ["a"], "targets": ["t"], "output": "o"},
     {"$schema": "s", "sources": ["@l", "**/*.bvh"], "targets": [{"path": "t", "map": "m"}, "u"],
-     "output": "o", "map": "m", "caps": {"wall_s": 9},
+     "output": "o", "map": "m", "gates": "default", "caps": {"wall_s": 9},
      "options": {"rate": 30, "formats": ["glb"], "limits": "off", "reference": "frame:3"}}])");
   const json bad = json::parse(R"([
     {"sources": [], "targets": ["t"], "output": "o"},

@@ -17,6 +17,9 @@ namespace {
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
+constexpr double kAsBonesPoint = 0.6;  // of a foot's place; the rest is the leg's reach
+constexpr double kSwings = 0.1;        // weight of a foot in the air, where its leg's shape is seen
+
 /// Places a source's points in the target's world: limbs scale with the leg (or the hand), the root
 /// path as RootMode says, and the height at which the source's ankles stand becomes the height of
 /// the target's ankles above their soles.
@@ -63,7 +66,6 @@ class Extraction {
     const std::size_t rows = target_.joint_of_row.size();
     track_.targets.resize(std::size_t(track_.frames) * track_.effectors.size());
     track_.guess.resize(std::size_t(track_.frames) * rows);
-    plan_feet();
     std::vector<DualQuaternion> model(source_.character->skeleton.parents.size());
     std::vector<Quaterniond> since(row_of_.size());
     for (std::int64_t f = 0; f < track_.frames; ++f) {
@@ -71,6 +73,7 @@ class Extraction {
       transfer_.frame(model, since);
       make_guess(f, model, since);
     }
+    plan_feet();
     track_.unbent = track_.guess;
     if (auto r = shape_fingers(source_, target_, track_); !r) return r.error();
     for (std::int64_t f = 0; f < track_.frames; ++f) {
@@ -82,7 +85,7 @@ class Extraction {
   }
 
  private:
-  enum class Aim : std::uint8_t { root, rotation, hand, foot, guessed };
+  enum class Aim : std::uint8_t { root, rotation, hand, foot, toes, guessed };
   struct Plan {
     Aim aim;
     std::int32_t joint;
@@ -112,9 +115,9 @@ class Extraction {
   }
 
   /// Weights are relative: planted feet and the way the pelvis faces come first, then the shape of
-  /// limbs and trunk, then where the hands are: limbs of other proportions cannot have both, and a
-  /// bone that points elsewhere shows more than a hand that is a little off. An orientation weight
-  /// of one makes a radian cost as much as 0.1 m.
+  /// limbs and trunk, then where the hands and the feet in the air are: limbs of other proportions
+  /// cannot have both, and a bone that points elsewhere shows more than a hand that is a little
+  /// off. An orientation weight of one makes a radian cost as much as 0.1 m.
   void choose_effectors() {
     const Figure& to = target_.figure;
     const std::int32_t root = to.is_body() ? to.at(Role::hips) : to.root();
@@ -127,7 +130,7 @@ class Extraction {
           target_.calibration.model_from_joint[root].conjugate().transform_point(
               hip_centre(target_.calibration.model_from_joint, to));
       // Held by little, lower joints would let the hands pull the trunk over.
-      const double share = 6.0 / double(std::max<std::size_t>(1, to.spine.size()));
+      const double share = 8.0 / double(std::max<std::size_t>(1, to.spine.size()));
       for (const std::int32_t j : to.spine) {
         const bool top = j == to.spine.back();
         add(j, EffectorKind::orientation, Aim::rotation, 0.0, top ? 4.0 : share, top);
@@ -170,15 +173,15 @@ class Extraction {
     bone(on(Role::leftUpperArm), 4.0, 0.1);
     bone(on(Role::leftLowerArm), 4.0, 0.1);
     if (on(Role::leftHand) != kNoJoint) {
-      add(on(Role::leftHand), EffectorKind::pose, Aim::hand, 0.7, 0.7, true, side);
+      add(on(Role::leftHand), EffectorKind::pose, Aim::hand, 0.9, 0.7, true, side);
     }
-    bone(on(Role::leftUpperLeg), 3.0, 0.1);
-    bone(on(Role::leftLowerLeg), 3.0, 0.1);
+    bone(on(Role::leftUpperLeg), 4.0, 0.1);
+    bone(on(Role::leftLowerLeg), 4.0, 0.1);
     if (on(Role::leftFoot) != kNoJoint) {
-      add(on(Role::leftFoot), EffectorKind::pose, Aim::foot, 4.0, 3.0, true, side);
+      add(on(Role::leftFoot), EffectorKind::pose, Aim::foot, 5.0, 3.0, true, side);
     }
     if (on(Role::leftToes) != kNoJoint) {
-      add(on(Role::leftToes), EffectorKind::orientation, Aim::rotation, 0.0, 0.3, false);
+      add(on(Role::leftToes), EffectorKind::orientation, Aim::toes, 0.0, 0.3, false, side);
     }
   }
 
@@ -199,6 +202,11 @@ class Extraction {
       if (j == kNoJoint || target_.rig.joints[row_of_[j]].type == JointType::fixed) continue;
       add(j, EffectorKind::orientation, Aim::guessed, 0.0, 0.3, false);
     }
+  }
+
+  std::span<DualQuaternion> guess(std::int64_t f) {
+    const std::size_t rows = target_.joint_of_row.size();
+    return {track_.guess.data() + std::size_t(f) * rows, rows};
   }
 
   static Vector3d hip_centre(std::span<const DualQuaternion> model, const Figure& figure) {
@@ -264,7 +272,7 @@ class Extraction {
     return true;
   }
 
-  /// Where each foot is to be, over the whole clip, before any frame is solved.
+  /// Where each foot is to be, over the whole clip; needs the guess.
   void plan_feet() {
     if (!body()) return;
     FootPath left = make_foot_path(Side::left), right = make_foot_path(Side::right);
@@ -275,14 +283,14 @@ class Extraction {
       plant(left, ankles, toes);
       plant(right, ankles, toes);
     }
-    left_foot_ = std::move(left.ankle);
-    right_foot_ = std::move(right.ankle);
     track_.left_contact = std::move(left.contact);
     track_.right_contact = std::move(right.contact);
+    left_foot_ = std::move(left);
+    right_foot_ = std::move(right);
   }
 
   /// The source's foot over the clip, placed in the target's world; empty where either lacks it.
-  FootPath make_foot_path(Side side) const {
+  FootPath make_foot_path(Side side) {
     const Figure& from = *source_.figure;
     const Role foot = on_side(Role::leftFoot, side), toes = on_side(Role::leftToes, side);
     if (!from.has(foot) || !target_.figure.has(foot)) return {};
@@ -292,6 +300,8 @@ class Extraction {
     path.floor_y = track_.floor_y;
     // Reach in the leg's own measure, from where the target's hip joint is: a wide pelvis stands
     // with its feet as far apart as its legs hang, and legs of unequal length both reach the floor.
+    // Where thigh and shank share a leg otherwise than the source's, bones that point as the
+    // source's bring the foot elsewhere: it goes between the two.
     const Role thigh = on_side(Role::leftUpperLeg, side);
     const Calibration& to = target_.calibration;
     const Vector3d hip_offset =
@@ -300,6 +310,7 @@ class Extraction {
                              std::max(1e-6, leg_length(*source_.calibration, from, side));
     std::vector<DualQuaternion> model(source_.character->skeleton.parents.size());
     std::vector<Quaterniond> since(row_of_.size());
+    std::vector<DualQuaternion> world(target_.joint_of_row.size());
     for (std::int64_t f = 0; f < track_.frames; ++f) {
       model_from_local(source_.character->skeleton, source_.clip->frame(f), model);
       transfer_.frame(model, since);
@@ -309,7 +320,10 @@ class Extraction {
       path.source_ankle.push_back(ankle);
       path.source_toe.push_back(from.has(toes) ? model[from.at(toes)].translation() : ankle);
       const Vector3d hip = place(place.centre) + since[target_.figure.at(Role::hips)] * hip_offset;
-      path.ankle.push_back(hip + leg_scale * (ankle - model[from.at(thigh)].translation()));
+      const Vector3d reached = hip + leg_scale * (ankle - model[from.at(thigh)].translation());
+      model_from_rows(target_.rig, guess(f), world);
+      const Vector3d pointed = world[row_of_[target_.figure.at(foot)]].translation();
+      path.ankle.push_back(reached + kAsBonesPoint * (pointed - reached));
       path.foot_turn.push_back(since[target_.figure.at(foot)]);
       path.toes_turn.push_back(target_.figure.has(toes) ? since[target_.figure.at(toes)]
                                                         : path.foot_turn.back());
@@ -322,7 +336,7 @@ class Extraction {
   void make_guess(std::int64_t f, std::span<const DualQuaternion> model,
                   std::span<const Quaterniond> since) {
     const std::size_t rows = target_.joint_of_row.size();
-    std::span<DualQuaternion> guess(track_.guess.data() + f * std::int64_t(rows), rows);
+    const std::span<DualQuaternion> guess = this->guess(f);
     std::vector<Quaterniond> world(rows);
     for (std::size_t i = 0; i < rows; ++i) {
       const RigJoint& row = target_.rig.joints[i];
@@ -389,23 +403,27 @@ class Extraction {
                     std::span<const Quaterniond> since) {
     const std::size_t rows = target_.joint_of_row.size();
     std::vector<DualQuaternion> world(rows);
-    model_from_rows(target_.rig, {track_.guess.data() + f * std::int64_t(rows), rows}, world);
+    model_from_rows(target_.rig, guess(f), world);
     for (std::size_t e = 0; e < plans_.size(); ++e) {
       const Plan& plan = plans_[e];
       EffectorTarget& target = track_.targets[std::size_t(f) * plans_.size() + e];
       const DualQuaternion& guessed = world[row_of_[plan.joint]];
+      const FootPath& foot = plan.side == Side::left ? left_foot_ : right_foot_;
+      Quaterniond turn = since[plan.joint];
+      Vector3d p = guessed.transform_point(track_.effectors[e].offset);
+      target.weight = 1.0;
+      if (plan.aim == Aim::hand && body()) p = hand_position(plan.side, model, world);
+      if (plan.aim == Aim::toes && !foot.ankle.empty()) turn = foot.toes_turn[f];
+      if (plan.aim == Aim::foot && !foot.ankle.empty()) {
+        turn = foot.foot_turn[f];
+        p = foot.ankle[f];
+        if (!foot.hold.empty()) target.weight = kSwings + (1.0 - kSwings) * foot.hold[f];
+      }
       const Quaterniond rotation =
           plan.aim == Aim::guessed
               ? guessed.rotation()
-              : since[plan.joint] * target_.calibration.model_from_joint[plan.joint].rotation();
-      Vector3d p = guessed.transform_point(track_.effectors[e].offset);
-      if (plan.aim == Aim::hand && body()) p = hand_position(plan.side, model, world);
-      if (plan.aim == Aim::foot && body()) {
-        const auto& foot = plan.side == Side::left ? left_foot_ : right_foot_;
-        if (!foot.empty()) p = foot[f];
-      }
+              : turn * target_.calibration.model_from_joint[plan.joint].rotation();
       target.pose = DualQuaternion::from_rotation_translation(rotation.normalized(), p);
-      target.weight = 1.0;
     }
   }
 
@@ -432,7 +450,7 @@ class Extraction {
   std::vector<std::int32_t> row_of_;
   std::vector<Plan> plans_;
   Placement placement_;
-  std::vector<Vector3d> left_foot_, right_foot_;
+  FootPath left_foot_, right_foot_;
   EffectorTrack track_;
 };
 

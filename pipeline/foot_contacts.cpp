@@ -8,11 +8,14 @@
 namespace limber {
 namespace {
 
+using Eigen::Quaterniond;
 using Eigen::Vector3d;
 
-constexpr double kSwingBackS = 0.30;  // a pinned foot's offset is given back within this time
-constexpr double kEaseS = 0.06;       // pins take hold, and soles settle, over this time
-constexpr double kMaxSettleM = 0.06;  // a standing foot is lowered by no more than this
+constexpr double kSwingBackS = 0.30;   // a pinned foot's offset is given back within this time
+constexpr double kEaseS = 0.06;        // pins take hold, and soles settle, over this time
+constexpr double kMaxSettleM = 0.06;   // a standing foot is lowered by no more than this
+constexpr double kMaxLevelled = 0.17;  // rad; a standing foot is flattened by no more than this
+constexpr double kNearFloorM = 0.02;   // below this a foot's place is held as if it stood
 
 enum class Pin : std::uint8_t { none, ankle, toes };
 
@@ -21,20 +24,15 @@ double smooth_step(double t) {
   return t * t * (3.0 - 2.0 * t);
 }
 
-std::vector<Pin> pins(const FootPath& path, double ankle_floor, double toe_floor) {
+/// [frame] whether a point of the source's foot stands.
+std::vector<std::uint8_t> stands(const FootPath& path, const std::vector<Vector3d>& track,
+                                 double floor) {
   ContactOptions options;
   options.scale = path.speed_scale;
   options.release_height = 1.3;
   options.release_speed = 1.5;
-  std::vector<Pin> out(path.ankle.size(), Pin::none);
-  const auto mark = [&](const std::vector<Vector3d>& track, double floor, Pin pin) {
-    for (const auto& [begin, end] : detect_contacts(track, path.rate_hz, floor, options)) {
-      std::fill(out.begin() + begin, out.begin() + end, pin);
-    }
-  };
-  mark(path.source_toe, toe_floor, Pin::toes);
-  mark(path.source_ankle, ankle_floor, Pin::ankle);  // a flat foot is held by its ankle
-  return out;
+  return contact_mask(detect_contacts(track, path.rate_hz, floor, options),
+                      static_cast<std::int64_t>(track.size()));
 }
 
 Vector3d horizontal(Vector3d v) {
@@ -78,28 +76,77 @@ void pin_horizontally(FootPath& path, const std::vector<Pin>& pin) {
 }
 
 /// Share of standing frames around each frame: 1 well inside a contact, 0 well outside.
-std::vector<double> settled(const std::vector<Pin>& pin, double rate_hz) {
-  const auto frames = static_cast<std::int64_t>(pin.size());
+std::vector<double> eased(const std::vector<std::uint8_t>& stands, double rate_hz) {
+  const auto frames = static_cast<std::int64_t>(stands.size());
   const auto half = std::max<std::int64_t>(1, std::llround(kEaseS * rate_hz));
-  std::vector<double> out(pin.size());
+  std::vector<double> out(stands.size());
   for (std::int64_t f = 0; f < frames; ++f) {
     const std::int64_t a = std::max<std::int64_t>(0, f - half), b = std::min(frames - 1, f + half);
-    std::int64_t standing = 0;
-    for (std::int64_t k = a; k <= b; ++k) standing += pin[k] != Pin::none;
+    const auto standing = std::count(stands.begin() + a, stands.begin() + b + 1, 1);
     out[f] = smooth_step(double(standing) / double(b - a + 1));
   }
   return out;
 }
 
-void settle_soles(FootPath& path, const std::vector<Pin>& pin) {
-  const std::vector<double> standing = settled(pin, path.rate_hz);
+/// The smallest turn that takes `share` of the slope from a line along the sole; `steepest` is the
+/// slope above which no more is taken (rad).
+Quaterniond levelling(const Vector3d& along, double share) {
+  const Vector3d run = horizontal(along);
+  if (run.norm() < 1e-6) return Quaterniond::Identity();
+  const double slope = std::atan2(along.y(), run.norm());
+  const double taken = share * std::clamp(slope, -kMaxLevelled, kMaxLevelled);
+  return Quaterniond(Eigen::AngleAxisd(taken, Vector3d::UnitY().cross(run).normalized()));
+}
+
+/// A recorded foot whose heel and ball both stand is seldom quite flat; one that is drawn is, or
+/// its heel floats. Toes never point into the floor that their ball stands on.
+void level_soles(FootPath& path, const std::vector<double>& heel, const std::vector<double>& ball) {
   for (std::size_t f = 0; f < path.ankle.size(); ++f) {
-    const Vector3d ball = path.foot_turn[f] * path.ball;
-    const Vector3d tip = ball + path.toes_turn[f] * (path.tip - path.ball);
-    const double lowest = path.ankle[f].y() - path.floor_y +
-                          std::min({(path.foot_turn[f] * path.heel).y(), ball.y(), tip.y()});
+    const Vector3d sole = path.foot_turn[f] * (path.ball - path.heel);
+    path.foot_turn[f] = levelling(sole, std::min(heel[f], ball[f])) * path.foot_turn[f];
+    const Vector3d toes = path.toes_turn[f] * (path.tip - path.ball);
+    if (toes.y() < 0.0) path.toes_turn[f] = levelling(toes, ball[f]) * path.toes_turn[f];
+  }
+}
+
+/// The lowest point of the sole above the floor.
+double clearance(const FootPath& path, std::size_t f) {
+  const Vector3d ball = path.foot_turn[f] * path.ball;
+  const Vector3d tip = ball + path.toes_turn[f] * (path.tip - path.ball);
+  return path.ankle[f].y() - path.floor_y +
+         std::min({(path.foot_turn[f] * path.heel).y(), ball.y(), tip.y()});
+}
+
+void settle_soles(FootPath& path, const std::vector<double>& standing) {
+  for (std::size_t f = 0; f < path.ankle.size(); ++f) {
+    const double lowest = clearance(path, f);
     path.ankle[f].y() -= lowest < 0.0 ? lowest : standing[f] * std::min(lowest, kMaxSettleM);
   }
+}
+
+/// Full while the foot stands or nearly touches the floor, eased around that.
+std::vector<double> holds(const FootPath& path, const std::vector<double>& standing) {
+  const auto frames = static_cast<std::int64_t>(path.ankle.size());
+  const auto half = std::max<std::int64_t>(1, std::llround(kEaseS * path.rate_hz));
+  std::vector<double> needed(standing), wide(standing.size()), out(standing.size());
+  for (std::int64_t f = 0; f < frames; ++f) {
+    needed[f] = std::max(standing[f], smooth_step(1.0 - clearance(path, f) / kNearFloorM));
+  }
+  for (std::int64_t f = 0; f < frames; ++f) {
+    const std::int64_t a = std::max<std::int64_t>(0, f - half), b = std::min(frames - 1, f + half);
+    wide[f] = *std::max_element(needed.begin() + a, needed.begin() + b + 1);
+  }
+  for (std::int64_t f = 0; f < frames; ++f) {
+    double sum = 0.0, weight = 0.0;
+    for (std::int64_t d = -half; d <= half; ++d) {
+      if (f + d < 0 || f + d >= frames) continue;
+      const double w = 1.0 - double(std::abs(d)) / double(half + 1);
+      sum += w * wide[f + d];
+      weight += w;
+    }
+    out[f] = sum / weight;
+  }
+  return out;
 }
 
 }  // namespace
@@ -121,10 +168,20 @@ FootPath make_foot(const Target& target, Side side) {
 }
 
 void plant(FootPath& path, double source_ankle_floor, double source_toe_floor) {
-  const std::vector<Pin> pin = pins(path, source_ankle_floor, source_toe_floor);
+  const std::vector<std::uint8_t> heel = stands(path, path.source_ankle, source_ankle_floor);
+  const std::vector<std::uint8_t> ball = stands(path, path.source_toe, source_toe_floor);
+  std::vector<Pin> pin(heel.size(), Pin::none);
+  for (std::size_t f = 0; f < pin.size(); ++f) {
+    pin[f] = heel[f] != 0   ? Pin::ankle
+             : ball[f] != 0 ? Pin::toes
+                            : Pin::none;  // a flat foot is held by its ankle
+    path.contact.push_back(pin[f] != Pin::none);
+  }
+  level_soles(path, eased(heel, path.rate_hz), eased(ball, path.rate_hz));
   pin_horizontally(path, pin);
-  settle_soles(path, pin);
-  for (const Pin p : pin) path.contact.push_back(p == Pin::none ? 0 : 1);
+  const std::vector<double> standing = eased(path.contact, path.rate_hz);
+  settle_soles(path, standing);
+  path.hold = holds(path, standing);
 }
 
 }  // namespace limber

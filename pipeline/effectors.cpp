@@ -114,7 +114,7 @@ class Extraction {
     plans_.push_back({aim, joint, side});
   }
 
-  /// Weights are relative: planted feet and the way the pelvis faces come first, then the shape of
+  /// Weights are relative: planted feet and the pelvis come first, then the shape of
   /// limbs and trunk, then where the hands and the feet in the air are: limbs of other proportions
   /// cannot have both, and a bone that points elsewhere shows more than a hand that is a little
   /// off. An orientation weight of one makes a radian cost as much as 0.1 m.
@@ -123,7 +123,7 @@ class Extraction {
     const std::int32_t root = to.is_body() ? to.at(Role::hips) : to.root();
     const bool moves = target_.rig.joints[row_of_[to.root()]].type == JointType::free;
     add(root, moves ? EffectorKind::pose : EffectorKind::orientation,
-        moves ? Aim::root : Aim::guessed, 1.4, 6.0, true);
+        moves ? Aim::root : Aim::guessed, 4.0, 10.0, true);
     if (to.is_body()) {
       // The pelvis is held between the hip joints, wherever the file put its root.
       track_.effectors.back().offset =
@@ -133,7 +133,7 @@ class Extraction {
       const double share = 8.0 / double(std::max<std::size_t>(1, to.spine.size()));
       for (const std::int32_t j : to.spine) {
         const bool top = j == to.spine.back();
-        add(j, EffectorKind::orientation, Aim::rotation, 0.0, top ? 4.0 : share, top);
+        add(j, EffectorKind::orientation, Aim::rotation, 0.0, top ? 6.0 : share, top);
       }
       for (const std::int32_t j : to.neck) {
         add(j, EffectorKind::orientation, Aim::rotation, 0.0, 0.3, false);

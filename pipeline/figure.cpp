@@ -257,7 +257,8 @@ std::vector<std::int32_t> path_up(std::span<const std::int32_t> parents, std::in
   return path;
 }
 
-/// Spine and neck by structure: the trunk ends where the path to the head leaves the arms.
+/// Spine and neck by structure: the trunk ends where the path to the head leaves the arms. Only a
+/// joint that is called neck is one although the arms hang from it (3ds Max Biped).
 void find_trunk(const Character& character, Figure& figure) {
   if (!figure.is_body()) return;
   const auto& parents = character.skeleton.parents;
@@ -274,6 +275,7 @@ void find_trunk(const Character& character, Figure& figure) {
       break;
     }
   }
+  if (top != hips && top == figure.at(Role::neck) && parents[top] != hips) top = parents[top];
   figure.spine.clear();
   figure.neck.clear();
   bool above = true;

@@ -9,6 +9,7 @@
 // so that a body does not swing about where it is pulled to. Limits stop a body at once whatever
 // its mass, so the drift ends in front of them: with r left to go at most
 //   v = sqrt(2 a r + a^2 / 4) - a / 2,  of which v, v - a, v - 2 a, .. add up to r.
+// In front of an ellipse r lies along the ray from its middle; along the border the drift is free.
 //
 // M takes the damping's place in the linear problem: a frame costs one elimination or two, and no
 // other descent beside them.
@@ -44,6 +45,11 @@ bool turns_freely(const IkNode& node) {
 /// The first of the three coordinates that such a node turns by.
 std::int32_t turn_of(const IkNode& node) {
   return node.coordinate + (node.type == JointType::free ? 3 : 0);
+}
+
+/// The fastest that may come within `left` of its end, braking by `stop` per frame.
+double fastest(double left, double stop) {
+  return std::sqrt(stop * (2.0 * std::max(left, 0.0) + 0.25 * stop)) - 0.5 * stop;
 }
 
 }  // namespace
@@ -142,18 +148,30 @@ void Brake::aim(const IkState& before, const IkState& last, double most) {
   descent_.anchor = last.x + (1.0 - kDrag) * (last.x - before.x);
   for (Eigen::Index k = 0; k < inertia_.size(); ++k) {
     if (!std::isfinite(tree.min[k])) continue;
-    const double speed = descent_.anchor[k] - last.x[k], stop = most / std::sqrt(inertia_[k]);
-    const double left =
-        std::max(speed > 0.0 ? tree.max[k] - last.x[k] : last.x[k] - tree.min[k], 0.0);
-    const double fastest = std::sqrt(stop * (2.0 * left + 0.25 * stop)) - 0.5 * stop;
-    descent_.anchor[k] = last.x[k] + std::clamp(speed, -fastest, fastest);
+    const double stop = most / std::sqrt(inertia_[k]);
+    descent_.anchor[k] =
+        std::clamp(descent_.anchor[k], last.x[k] - fastest(last.x[k] - tree.min[k], stop),
+                   last.x[k] + fastest(tree.max[k] - last.x[k], stop));
   }
+  for (const EllipseLimit& e : descent_.ellipses) slow_swing(e, last, most);
   for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
     if (!turns_freely(tree.nodes[n])) continue;
     const Eigen::Quaterniond turn = last.rotation[n] * before.rotation[n].conjugate();
     aim_[n] =
         (Eigen::Quaterniond::Identity().slerp(1.0 - kDrag, turn) * last.rotation[n]).normalized();
   }
+}
+
+/// The same in front of an ellipse, along the ray from its middle to where the swing drifts.
+void Brake::slow_swing(const EllipseLimit& ellipse, const IkState& last, double most) {
+  const double stop = most / std::sqrt(inertia_[ellipse.coordinate]);
+  auto swing = descent_.anchor.segment<2>(ellipse.coordinate);
+  const double to = std::sqrt(ellipse.swing.level(swing));
+  const double from = std::sqrt(ellipse.swing.level(last.x.segment<2>(ellipse.coordinate)));
+  if (!(to > from) || !std::isfinite(to)) return;
+  const double border = swing.norm() / to;  // rad from the middle
+  const double most_to = from + fastest((1.0 - from) * border, stop) / border;
+  if (to > most_to) swing *= most_to / to;
 }
 
 /// wish: from there to the anchor.

@@ -35,6 +35,7 @@ class Brake {
   void find_places(const IkState&, std::vector<Eigen::Vector3d>&);
   static void take_places(const IkKinematics&, std::vector<Eigen::Vector3d>&);
   void aim(const IkState& before, const IkState& last, double most);
+  void slow_swing(const EllipseLimit&, const IkState& last, double most);
   void measure_way(const IkState& from);
   bool coast(IkReport&);
   void try_mass(IkReport&, double most);

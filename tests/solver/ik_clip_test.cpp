@@ -129,7 +129,7 @@ TEST(IkClip, MendingIsWhatReachesAWoundClip) {
         clip.rig, [&](int i) { return std::span<const DualQuaternion>(clip.truth[i]); });
     rough += largest_jerk(clip.rig, [&](int i) { return clip.pose(i); }) > 2.0 * truth;
   }
-  EXPECT_LE(rough, 1);
+  EXPECT_EQ(rough, 0);
   EXPECT_GT(lost, 0);
   EXPECT_GT(mended, 0);
 }

@@ -32,7 +32,7 @@ namespace limber {
 namespace {
 
 constexpr int kLonger = 3;  // ways to try, each twice as long as the one before
-constexpr std::int64_t kShortest = kShortestWay, kLongest = 256, kFarthestBack = 512;
+constexpr std::int64_t kShortest = kShortestWay, kLongest = 256, kFarthestBack = 256;
 constexpr std::array<std::int64_t, 3> kAhead{0, 8, 32};  // frames: where to solve unwound
 constexpr std::size_t kTries = 8;        // in search of other solutions, these and strewn ones;
 constexpr std::size_t kTriesIfSome = 4;  // if some was found,
@@ -46,7 +46,7 @@ constexpr std::int64_t kLongestLost = 120;
 constexpr int kJoints = 6;                    // places to join at, the nearest first
 constexpr double kMerged = 0.003;             // rad: two solutions are one
 constexpr std::int64_t kMostPatience = 1024;  // frames before the next try where none was found
-constexpr double kSmoothBend = 0.1;           // rad per frame^2: what a way should keep below
+constexpr double kSmoothBend = 0.15;          // rad per frame^2: what a way should keep below
 constexpr double kKink = 0.05;                // rad per frame^2: more than that is smoothed
 constexpr double kSharp = 3.0;                // times what it was
 constexpr std::int64_t kBefore = 6;           // to twice as many frames before
@@ -239,16 +239,17 @@ bool IkClipSolver::join(std::int64_t f, std::span<const DualQuaternion> other) {
   for (int i = 0; i < kLonger; ++i, n *= 2) {
     const std::int64_t count = std::min({n, f - 1, kLongest});
     if (count < 1) return false;
-    if (lead_over(f, other, count)) return true;
-    if (count < n) return false;
+    const std::int64_t led = lead_over(f, other, count);
+    if (led == count) return true;
+    if (led < kShortest || count < n) return false;  // a longer one begins the same way
   }
   return false;
 }
 
-/// Leads `count` frames before f over to `other`. False: one of them lost its targets, or the way
-/// bends more than it may; nothing has changed.
-bool IkClipSolver::lead_over(std::int64_t f, std::span<const DualQuaternion> other,
-                             std::int64_t count) {
+/// Leads `count` frames before f over to `other`. Fewer than that: there a frame lost its targets
+/// or the way bends more than it may, and nothing has changed.
+std::int64_t IkClipSolver::lead_over(std::int64_t f, std::span<const DualQuaternion> other,
+                                     std::int64_t count) {
   std::span<const DualQuaternion> after = other, next;
   for (std::int64_t k = 1; k <= count; ++k) {
     const auto way = row(way_, k - 1, joints_);
@@ -258,17 +259,17 @@ bool IkClipSolver::lead_over(std::int64_t f, std::span<const DualQuaternion> oth
     }
     solver_.resume(way, way);
     credit_ -= 1.0;
-    if (!solver_.follow(targets(f - k), way).reached) return false;
-    if (k > 1 && bend(way, after, next) > way_bend_) return false;
+    if (!solver_.follow(targets(f - k), way).reached) return k - 1;
+    if (k > 1 && bend(way, after, next) > way_bend_) return k - 1;
     next = after;
     after = way;
   }
-  if (bend(pose(f - count - 1), after, next) > way_bend_) return false;
+  if (bend(pose(f - count - 1), after, next) > way_bend_) return count - 1;
   for (std::int64_t k = 1; k <= count; ++k) {
     std::ranges::copy(row(way_, k - 1, joints_), pose(f - k).begin());
   }
   mark_rough(f - count, f);
-  return true;
+  return count;
 }
 
 /// Follows the solution in back_[0] to earlier frames, until it meets the one that is there (not

@@ -42,7 +42,8 @@ class IkClipSolver {
   void look_elsewhere(std::int64_t frame, IkReport&);
   bool mend(std::int64_t frame, IkReport&);
   bool join(std::int64_t frame, std::span<const DualQuaternion> other);
-  bool lead_over(std::int64_t frame, std::span<const DualQuaternion> other, std::int64_t count);
+  std::int64_t lead_over(std::int64_t frame, std::span<const DualQuaternion> other,
+                         std::int64_t count);
   std::int64_t follow_back(std::int64_t frame, std::int64_t least);
   bool join_earlier(std::int64_t frame, std::int64_t least);
   void mark_rough(std::int64_t first, std::int64_t last);

@@ -47,7 +47,7 @@ constexpr int kJoints = 6;                    // places to join at, the nearest 
 constexpr double kMerged = 0.003;             // rad: two solutions are one
 constexpr std::int64_t kMostPatience = 1024;  // frames before the next try where none was found
 constexpr double kSmoothBend = 0.15;          // rad per frame^2: what a way should keep below
-constexpr double kKink = 0.05;                // rad per frame^2: more than that is smoothed
+constexpr double kKink = 0.08;                // rad per frame^2: more than that is smoothed
 constexpr double kSharp = 3.0;                // times what it was
 constexpr std::int64_t kBefore = 6;           // to twice as many frames before
 constexpr std::int64_t kSpread = 16;          // frames about it
@@ -147,9 +147,10 @@ void IkClipSolver::watch(std::int64_t f, const IkReport& report) {
     std::ranges::copy(pose(f), row(back_, 0, joints_).begin());
     ++mended_;
     bool joined = false;
-    for (const double bend : {kSmoothBend, std::numeric_limits<double>::infinity()}) {
+    const double half = 0.5 * worst_kink(jumped_, f);
+    for (const double bend : {kSmoothBend, half}) {
       way_bend_ = bend;
-      joined = joined || join_earlier(f, f - jumped_ + 1);
+      joined = joined || (bend >= kSmoothBend && join_earlier(f, f - jumped_ + 1));
     }
     jumps_ += !joined;
     solver_.resume(pose(f - 1), pose(f));

@@ -100,7 +100,7 @@ void Brake::forget(bool searching) {
 }
 
 void Brake::remember(std::span<const IkGoal> goals) {
-  lively_ = kCalming * std::max(lively_, std::min(pace(), kJumpingTargets));
+  lively_ = missed_ > 0 ? kCalming * std::max(lively_, std::min(pace(), kJumpingTargets)) : 0.0;
   std::swap(goal_last_, goal_before_);
   for (std::size_t e = 0; e < goals.size(); ++e) goal_last_[e] = goals[e].position;
   goals_ = std::min(goals_ + 1, 2);

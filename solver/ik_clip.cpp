@@ -5,9 +5,14 @@
 // at both ends, so the way costs accelerations of at most 6 / n^2 of the turn per frame^2: n
 // follows from the turn and kMostBend.
 //
+// The other solution comes from the frame itself, unwound (IkOptions::unwind), or from some frames
+// ahead, unwound there and followed back: what closes at f may be open again later. Strewn starts
+// mostly fall back to a. Solutions that the next frames lose again are the last choice.
+//
 // No way may be there: limits can cut what the targets leave open in two, and following took the
 // wrong side of the cut when it opened, some frames ago. So the other solution is followed
-// backwards and joined where it comes near.
+// backwards and joined where it comes near. Ways that bend sharply are taken if there is no other.
+// Where following jumped shortly before it lost its targets, the way begins before the jump.
 //
 // Smoothing. Ways have kinks where a limit takes hold of them, and so has following where the free
 // interval of a swivel closes. Once the frames after such a kink have answers too, each frame about
@@ -41,13 +46,13 @@ constexpr std::int64_t kLasting = 8;     // frames that a solution should last
 constexpr double kStrewnWidth = 0.35;    // rad on each axis of each joint
 constexpr double kStray = 0.06;  // rad: a frame further from where its start pointed has jumped
 constexpr int kCalmFrames = 4;   // after a jump
-constexpr std::int64_t kLongestJump = 30;
-constexpr std::int64_t kLongestLost = 120;
+constexpr std::int64_t kLongestJump = 30;     // frames until it counts as over;
+constexpr std::int64_t kLongestLost = 120;    // where the targets were lost with it
 constexpr int kJoints = 6;                    // places to join at, the nearest first
 constexpr double kMerged = 0.003;             // rad: two solutions are one
 constexpr std::int64_t kMostPatience = 1024;  // frames before the next try where none was found
 constexpr double kSmoothBend = 0.25;          // rad per frame^2: what a way should keep below
-constexpr double kKink = 0.08;                // rad per frame^2: more than that is smoothed
+constexpr double kKink = 0.05;                // rad per frame^2: more than that is smoothed
 constexpr double kSharp = 3.0;                // times what it was
 constexpr std::int64_t kBefore = 6;           // to twice as many frames before
 constexpr std::int64_t kSpread = 16;          // frames about it
@@ -146,11 +151,13 @@ void IkClipSolver::watch(std::int64_t f, const IkReport& report) {
   if (report.reached) {
     std::ranges::copy(pose(f), row(back_, 0, joints_).begin());
     ++mended_;
-    bool joined = false;
+    // Not by what bends nearly as much as the jump itself.
     const double half = 0.5 * worst_kink(jumped_, f);
-    for (const double bend : {kSmoothBend, half}) {
-      way_bend_ = bend;
-      joined = joined || (bend >= kSmoothBend && join_earlier(f, f - jumped_ + 1));
+    way_bend_ = kSmoothBend;
+    bool joined = join_earlier(f, f - jumped_ + 1);
+    if (!joined && half > kSmoothBend) {
+      way_bend_ = half;
+      joined = join_earlier(f, f - jumped_ + 1);
     }
     jumps_ += !joined;
     solver_.resume(pose(f - 1), pose(f));

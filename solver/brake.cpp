@@ -4,17 +4,22 @@
 //   x = argmin f(x) + (x - a)' M (x - a),  x in C.
 // That is an implicit step of a body of mass m in the field f: the acceleration is what f pulls
 // with over m. While m is small x is the best reach itself; as m grows, x tends to the start. So m
-// is the least that keeps every joint's second difference within kMostBend and the targets' own:
-// it grows within a frame until that holds and fades afterwards. kDrag takes speed from the drift
-// so that a body does not swing about where it is pulled to. Limits stop a body at once whatever
-// its mass, so the drift ends in front of them: with r left to go at most
-//   v = sqrt(2 a r + a^2 / 4) - a / 2,  of which v, v - a, v - 2 a, .. add up to r.
+// is the least that keeps every joint's second difference within kMostBend and what the targets'
+// own is and was of late: it grows within a frame until that holds and fades afterwards. kDrag
+// takes speed from the drift so that a body does not swing about where it is pulled to. Limits stop
+// a body at once whatever its mass, so the drift ends in front of them: with the speed v and r left
+// to go it slows down by
+//   a = v^2 / (2 r + v)
+// per frame, of which v - a, v - 2 a, .. add up to r. In front of an ellipse r lies along the ray
+// from its middle; along the border the drift is free. m also grows where a, times the lever, would
+// be kHardest times what the bend may be: what comes too fast cannot be stopped softly any more.
 //
 // M takes the damping's place in the linear problem: a frame costs one elimination or two, and no
 // other descent beside them.
 //
-// Targets that jump are followed as they do. What is lost for one frame alone, or by little, is
-// wound rather than out of reach: it is left to whoever mends it (ik_clip.cpp) and may hurry.
+// Targets that jump are followed as they do. What is lost for one frame alone, or for a few frames
+// by little, is wound rather than out of reach: it is left to whoever mends it (ik_clip.cpp) and
+// may hurry.
 #include "solver/brake.h"
 
 #include <algorithm>
@@ -25,11 +30,14 @@ namespace limber {
 
 namespace {
 
-constexpr double kMostBend = 1.2e-3;       // m per frame^2
-constexpr double kJumpingTargets = 25e-3;  // m per frame^2
-constexpr double kHurry = 3.0;             // times kMostBend, for what is wound
-constexpr double kDrag = 0.2;              // of the speed, per frame
-constexpr double kLeastMass = 1e-3;        // an effector of weight 1 has the mass 1
+constexpr double kMostBend = 1.2e-3;      // m per frame^2
+constexpr double kJumpingTargets = 0.25;  // m per frame^2: a cut
+constexpr double kHurry = 3.0;            // times kMostBend, for what is wound
+constexpr int kLongLost = 16;             // frames; a wound clip is mended before
+constexpr double kHardest = 3.0;          // times kMostBend, in front of a limit
+constexpr double kCalming = 0.8;          // per frame, of what targets' own bends allow
+constexpr double kDrag = 0.2;             // of the speed, per frame
+constexpr double kLeastMass = 1e-3;       // an effector of weight 1 has the mass 1
 constexpr double kMostMass = 10.0;
 constexpr double kGrow = 2.0, kGrowFast = 4.0, kFade = 0.7;
 constexpr double kLight = 0.5;    // of what the bend may be: the mass fades
@@ -44,6 +52,16 @@ bool turns_freely(const IkNode& node) {
 /// The first of the three coordinates that such a node turns by.
 std::int32_t turn_of(const IkNode& node) {
   return node.coordinate + (node.type == JointType::free ? 3 : 0);
+}
+
+/// By how much a speed must fall per frame to end with `left` to go.
+double braking(double speed, double left) {
+  return speed > 0.0 ? speed * speed / (2.0 * std::max(left, 0.0) + speed) : 0.0;
+}
+
+/// The speed of a drift with `left` to go.
+double drift_speed(double speed, double left) {
+  return speed - std::max(kDrag * speed, braking(speed, left));
 }
 
 }  // namespace
@@ -82,6 +100,7 @@ void Brake::forget(bool searching) {
 }
 
 void Brake::remember(std::span<const IkGoal> goals) {
+  lively_ = missed_ > 0 ? kCalming * std::max(lively_, std::min(pace(), kJumpingTargets)) : 0.0;
   std::swap(goal_last_, goal_before_);
   for (std::size_t e = 0; e < goals.size(); ++e) goal_last_[e] = goals[e].position;
   goals_ = std::min(goals_ + 1, 2);
@@ -98,6 +117,12 @@ double Brake::pace() const {
   }
   return most;
 }
+
+/// What a joint's second difference may be (m).
+double Brake::most_bend() const { return kMostBend + std::max(pace(), lively_); }
+
+/// In a corner of the limits, as far as one can tell, rather than out of reach.
+bool Brake::wound() const { return descent_.at_now.cost < kWoundCost && missed_ < kLongLost; }
 
 bool Brake::on() const { return on_ && pace() < kJumpingTargets; }
 
@@ -129,31 +154,60 @@ bool Brake::too_fast(const IkState& before, const IkState& last) {
     return false;
   }
   on_ = false;
-  const double targets = pace();
-  if (searching_ || ++missed_ == 1 || targets >= kJumpingTargets) return false;
+  if (searching_ || ++missed_ == 1 || pace() >= kJumpingTargets) return false;
   find_places(before, place_before_);
   find_places(last, place_last_);
-  return bend() > (descent_.at_now.cost < kWoundCost ? kHurry : 1.0) * (kMostBend + targets);
+  return bend() > (wound() ? kHurry : 1.0) * most_bend();
 }
 
 /// Where the last answer drifts: the anchor, and aim_ for rotations without limits.
-void Brake::aim(const IkState& before, const IkState& last, double most) {
+void Brake::aim(const IkState& before, const IkState& last) {
   const IkTree& tree = descent_.tree;
-  descent_.anchor = last.x + (1.0 - kDrag) * (last.x - before.x);
   for (Eigen::Index k = 0; k < inertia_.size(); ++k) {
-    if (!std::isfinite(tree.min[k])) continue;
-    const double speed = descent_.anchor[k] - last.x[k], stop = most / std::sqrt(inertia_[k]);
-    const double left =
-        std::max(speed > 0.0 ? tree.max[k] - last.x[k] : last.x[k] - tree.min[k], 0.0);
-    const double fastest = std::sqrt(stop * (2.0 * left + 0.25 * stop)) - 0.5 * stop;
-    descent_.anchor[k] = last.x[k] + std::clamp(speed, -fastest, fastest);
+    const double x = last.x[k], speed = x - before.x[k];
+    descent_.anchor[k] = x + (speed > 0.0 ? drift_speed(speed, tree.max[k] - x)
+                                          : -drift_speed(-speed, x - tree.min[k]));
   }
+  for (const EllipseLimit& e : descent_.ellipses) slow_swing(e, before, last);
   for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
     if (!turns_freely(tree.nodes[n])) continue;
     const Eigen::Quaterniond turn = last.rotation[n] * before.rotation[n].conjugate();
     aim_[n] =
         (Eigen::Quaterniond::Identity().slerp(1.0 - kDrag, turn) * last.rotation[n]).normalized();
   }
+}
+
+/// The same in front of an ellipse, in parts of the ray from its middle.
+void Brake::slow_swing(const EllipseLimit& e, const IkState& before, const IkState& last) {
+  const auto part = [&e](const Eigen::Vector2d& swing) { return std::sqrt(e.swing.level(swing)); };
+  auto drift = descent_.anchor.segment<2>(e.coordinate);
+  const Eigen::Vector2d from = last.x.segment<2>(e.coordinate);
+  const double here = part(from), there = part(drift);
+  const double speed = part(2.0 * from - before.x.segment<2>(e.coordinate)) - here;
+  if (!std::isfinite(speed) || !(there > here)) return;
+  const double most = here + drift_speed(speed, 1.0 - here);
+  if (there > most) drift *= most / there;
+}
+
+/// The hardest braking in front of limits that `now` leads to (m per frame^2).
+double Brake::hardest_braking(const IkState& last) const {
+  const IkTree& tree = descent_.tree;
+  const Eigen::VectorXd& x = descent_.now.x;
+  double most = 0.0;
+  for (Eigen::Index k = 0; k < inertia_.size(); ++k) {
+    const double speed = x[k] - last.x[k], lever = std::sqrt(inertia_[k]);
+    const double left = speed > 0.0 ? tree.max[k] - x[k] : x[k] - tree.min[k];
+    most = std::max(most, lever * braking(std::abs(speed), left));
+  }
+  for (const EllipseLimit& e : descent_.ellipses) {
+    const Eigen::Vector2d swing = x.segment<2>(e.coordinate);
+    const double here = std::sqrt(e.swing.level(swing));
+    const double speed = here - std::sqrt(e.swing.level(last.x.segment<2>(e.coordinate)));
+    if (!std::isfinite(speed) || speed <= 0.0) continue;
+    const double ray = swing.norm() / here, lever = std::sqrt(inertia_[e.coordinate]);
+    most = std::max(most, lever * ray * braking(speed, 1.0 - here));
+  }
+  return most;
 }
 
 /// wish: from there to the anchor.
@@ -190,13 +244,14 @@ bool Brake::coast(IkReport& report) {
 }
 
 /// Finds the mass that the frame needs, and its answer.
-void Brake::try_mass(IkReport& report, double most) {
+void Brake::try_mass(const IkState& last, IkReport& report, double most) {
   IkDescent& d = descent_;
   for (bool first = true;; first = false) {
     d.now = start_;
     d.tree.evaluate(d.now, d.goals, d.at_now);
     d.elimination.reset(d.now.x);
-    const double bent = coast(report) ? bend() : kGrow * most;
+    const double bent =
+        coast(report) ? std::max(bend(), hardest_braking(last) / kHardest) : kGrow * most;
     if (bent <= most) {
       if (first && bent < kLight * most) mass_ *= kFade;
       return;
@@ -225,15 +280,15 @@ void Brake::slow_down(const IkState& before, const IkState& last, IkReport& repo
   start_ = d.now;
   find_places(before, place_before_);
   find_places(last, place_last_);
-  const double most = kMostBend + pace();
-  aim(before, last, most);
+  const double most = most_bend();
+  aim(before, last);
   own_damping_ = d.tree.damping;
   d.tree.damping = inertia_;
-  try_mass(report, most);
+  try_mass(last, report, most);
   d.tree.damping = own_damping_;
   d.elimination.reset(d.now.x);
   on_ = mass_ >= kLeastMass;
-  if (d.at_now.cost < kWoundCost && let_go(report, most)) on_ = false;
+  if (wound() && let_go(report, most)) on_ = false;
 }
 
 }  // namespace limber

@@ -31,13 +31,17 @@ class Brake {
 
  private:
   double pace() const;
+  double most_bend() const;
+  bool wound() const;
   double bend();
   void find_places(const IkState&, std::vector<Eigen::Vector3d>&);
   static void take_places(const IkKinematics&, std::vector<Eigen::Vector3d>&);
-  void aim(const IkState& before, const IkState& last, double most);
+  void aim(const IkState& before, const IkState& last);
+  void slow_swing(const EllipseLimit&, const IkState& before, const IkState& last);
   void measure_way(const IkState& from);
   bool coast(IkReport&);
-  void try_mass(IkReport&, double most);
+  double hardest_braking(const IkState& last) const;
+  void try_mass(const IkState& last, IkReport&, double most);
   bool let_go(IkReport&, double most);
 
   IkDescent& descent_;
@@ -51,6 +55,7 @@ class Brake {
   int missed_ = 0;  ///< frames in a row
   bool on_ = false, searching_ = false;
   double mass_ = 0.0;
+  double lively_ = 0.0;  ///< m per frame^2, what targets did of late
 };
 
 }  // namespace limber

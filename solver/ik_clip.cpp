@@ -5,9 +5,14 @@
 // at both ends, so the way costs accelerations of at most 6 / n^2 of the turn per frame^2: n
 // follows from the turn and kMostBend.
 //
+// The other solution comes from the frame itself, unwound (IkOptions::unwind), or from some frames
+// ahead, unwound there and followed back: what closes at f may be open again later. Strewn starts
+// mostly fall back to a. Solutions that the next frames lose again are the last choice.
+//
 // No way may be there: limits can cut what the targets leave open in two, and following took the
 // wrong side of the cut when it opened, some frames ago. So the other solution is followed
-// backwards and joined where it comes near.
+// backwards and joined where it comes near. Ways that bend sharply are taken if there is no other.
+// Where following jumped shortly before it lost its targets, the way begins before the jump.
 //
 // Smoothing. Ways have kinks where a limit takes hold of them, and so has following where the free
 // interval of a swivel closes. Once the frames after such a kink have answers too, each frame about
@@ -32,16 +37,21 @@ namespace limber {
 namespace {
 
 constexpr int kLonger = 3;  // ways to try, each twice as long as the one before
-constexpr std::int64_t kShortest = kShortestWay, kLongest = 256, kFarthestBack = 512;
-constexpr std::size_t kTried = 4;      // other solutions are enough
-constexpr int kStrewn = 12;            // starts in search of another solution,
-constexpr double kStrewnWidth = 0.35;  // rad on each axis of each joint
+constexpr std::int64_t kShortest = kShortestWay, kLongest = 256, kFarthestBack = 256;
+constexpr std::array<std::int64_t, 3> kAhead{0, 8, 32};  // frames: where to solve unwound
+constexpr std::size_t kTries = 8;        // in search of other solutions, these and strewn ones;
+constexpr std::size_t kTriesIfSome = 4;  // if some was found,
+constexpr std::size_t kEnough = 2;       // until so many were
+constexpr std::int64_t kLasting = 8;     // frames that a solution should last
+constexpr double kStrewnWidth = 0.35;    // rad on each axis of each joint
 constexpr double kStray = 0.06;  // rad: a frame further from where its start pointed has jumped
 constexpr int kCalmFrames = 4;   // after a jump
-constexpr std::int64_t kLongestJump = 30;
+constexpr std::int64_t kLongestJump = 30;     // frames until it counts as over;
+constexpr std::int64_t kLongestLost = 120;    // where the targets were lost with it
 constexpr int kJoints = 6;                    // places to join at, the nearest first
-constexpr double kMerged = 1e-4;              // rad: two solutions are one
+constexpr double kMerged = 0.003;             // rad: two solutions are one
 constexpr std::int64_t kMostPatience = 1024;  // frames before the next try where none was found
+constexpr double kSmoothBend = 0.25;          // rad per frame^2: what a way should keep below
 constexpr double kKink = 0.05;                // rad per frame^2: more than that is smoothed
 constexpr double kSharp = 3.0;                // times what it was
 constexpr std::int64_t kBefore = 6;           // to twice as many frames before
@@ -62,6 +72,20 @@ void strew(double width, std::uint64_t seed, std::span<DualQuaternion> pose) {
   }
 }
 
+/// The largest second difference of a joint's rotation, rad per frame^2.
+double bend(std::span<const DualQuaternion> a, std::span<const DualQuaternion> b,
+            std::span<const DualQuaternion> c) {
+  double most = 0.0;
+  for (std::size_t i = 0; i < b.size(); ++i) {
+    const Eigen::Vector4d middle = b[i].real.coeffs();
+    const Eigen::Vector4d from = a[i].real.coeffs(), to = c[i].real.coeffs();
+    const Eigen::Vector4d bent = (middle.dot(from) < 0.0 ? -1.0 : 1.0) * from - 2.0 * middle +
+                                 (middle.dot(to) < 0.0 ? -1.0 : 1.0) * to;
+    most = std::max(most, bent.squaredNorm());
+  }
+  return 2.0 * std::sqrt(most);
+}
+
 }  // namespace
 
 IkClipSolver::IkClipSolver(IkSolver& solver, const Rig& rig,
@@ -72,7 +96,7 @@ IkClipSolver::IkClipSolver(IkSolver& solver, const Rig& rig,
       frames_(static_cast<std::int64_t>(poses.size()) / joints_),
       targets_(targets),
       poses_(poses),
-      elsewhere_(static_cast<std::size_t>((kStrewn + 1) * joints_)),
+      elsewhere_(kTries * static_cast<std::size_t>(joints_)),
       credit_(kMostCredit),
       way_(static_cast<std::size_t>(std::min(frames_, kLongest) * joints_)),
       back_(static_cast<std::size_t>(std::min(frames_, kFarthestBack) * joints_)),
@@ -120,54 +144,96 @@ void IkClipSolver::watch(std::int64_t f, const IkReport& report) {
     calm_ = 0;
     return;
   }
+  // Where following lost its targets besides, it is mended with that.
+  if (!report.reached && f - jumped_ < kLongestLost) return;
   calm_ = report.strayed < 0.5 * kStray ? calm_ + 1 : 0;
   if (calm_ < kCalmFrames && f - jumped_ < kLongestJump) return;
   if (report.reached) {
     std::ranges::copy(pose(f), row(back_, 0, joints_).begin());
     ++mended_;
-    jumps_ += !join_earlier(f, f - jumped_ + 1);
+    // Not by what bends nearly as much as the jump itself.
+    const double half = 0.5 * worst_kink(jumped_, f);
+    way_bend_ = kSmoothBend;
+    bool joined = join_earlier(f, f - jumped_ + 1);
+    if (!joined && half > kSmoothBend) {
+      way_bend_ = half;
+      joined = join_earlier(f, f - jumped_ + 1);
+    }
+    jumps_ += !joined;
     solver_.resume(pose(f - 1), pose(f));
   }
   jumped_ = -1;
 }
 
-/// Solutions of frame f away from the one that following found: unwound (IkOptions::unwind), and
-/// from starts strewn about the frame before, always the same ones. The nearest first.
+/// From `pose`, which solves frame f + k, follows to frame f + to. False: it lost its targets.
+bool IkClipSolver::follow_to(std::int64_t f, std::int64_t k, std::int64_t to,
+                             std::span<DualQuaternion> pose) {
+  solver_.resume(pose, pose);
+  while (k != to) {
+    k += k < to ? 1 : -1;
+    if (!solver_.follow(targets(f + k), pose).reached) return false;
+  }
+  return true;
+}
+
+/// One try to solve frame f from elsewhere: unwound (IkOptions::unwind), there or some frames ahead
+/// from where it is followed back, or strewn about the frame before, always the same way.
+bool IkClipSolver::try_elsewhere(std::int64_t f, std::size_t i, std::span<DualQuaternion> other,
+                                 IkReport& report) {
+  std::ranges::copy(pose(f - 1), other.begin());
+  const std::int64_t ahead = i < kAhead.size() ? std::min(kAhead[i], frames_ - 1 - f) : 0;
+  IkReport tried;
+  if (i < kAhead.size()) {
+    if (i > 0 && ahead == 0) return false;
+    tried = solver_.solve(targets(f + ahead), other);
+  } else {
+    strew(kStrewnWidth, i, other);
+    solver_.resume(other, other);
+    tried = solver_.follow(targets(f), other);
+  }
+  report.relinearisations += tried.relinearisations;
+  report.tree_passes += tried.tree_passes;
+  return tried.reached && follow_to(f, ahead, 0, other);
+}
+
+/// Solutions of frame f away from the one that following found: first those that last for some
+/// frames, the nearest first.
 void IkClipSolver::look_elsewhere(std::int64_t f, IkReport& report) {
   others_.clear();
-  for (int i = 0; i <= kStrewn && others_.size() < kTried; ++i) {
-    const auto other = row(elsewhere_, i, joints_);
-    std::ranges::copy(pose(f - 1), other.begin());
-    IkReport tried;
-    if (i == 0) {
-      tried = solver_.solve(targets(f), other);
-    } else {
-      strew(kStrewnWidth, static_cast<std::uint64_t>(i), other);
-      solver_.resume(other, other);
-      tried = solver_.follow(targets(f), other);
-    }
-    report.relinearisations += tried.relinearisations;
-    report.tree_passes += tried.tree_passes;
-    if (tried.reached) others_.emplace_back(largest_turn(pose(f), other), i);
+  std::size_t lasting = 0;
+  for (std::size_t i = 0; i < kTries && lasting < kEnough; ++i) {
+    if (i >= kTriesIfSome && lasting > 0) break;
+    const auto other = elsewhere(i);
+    if (!try_elsewhere(f, i, other, report)) continue;
+    std::ranges::copy(other, between_.begin());
+    const bool lasts = follow_to(f, 0, std::min(kLasting, frames_ - 1 - f), between_);
+    lasting += lasts;
+    others_.push_back({!lasts, largest_turn(pose(f), other), i});
   }
   std::ranges::sort(others_);
 }
 
-/// Finds another solution of frame f and a way to it. False: there is none.
+/// Finds another solution of frame f and a way to it, a smooth one if there is one. False: there is
+/// no solution.
 bool IkClipSolver::mend(std::int64_t f, IkReport& report) {
   look_elsewhere(f, report);
   const auto other = row(back_, 0, joints_);
   bool joined = false;
-  for (std::size_t i = 0; i < others_.size() && !joined; ++i) {
-    std::ranges::copy(row(elsewhere_, others_[i].second, joints_), other.begin());
-    joined = join(f, other) || join_earlier(f, 1);
+  for (const double bend : {kSmoothBend, std::numeric_limits<double>::infinity()}) {
+    way_bend_ = bend;
+    for (std::size_t i = 0; i < others_.size() && !joined; ++i) {
+      std::ranges::copy(elsewhere(others_[i].start), other.begin());
+      joined =
+          (jumped_ < 0 && join(f, other)) || join_earlier(f, jumped_ < 0 ? 1 : f - jumped_ + 1);
+    }
   }
   report.reached = !others_.empty();
   if (report.reached) {
     ++mended_;
     jumps_ += !joined;
-    const auto nearest = row(elsewhere_, others_.front().second, joints_);
+    const auto nearest = elsewhere(others_.front().start);
     std::ranges::copy(joined ? other : nearest, pose(f).begin());
+    jumped_ = -1;
   }
   solver_.resume(pose(f - 1), pose(f));
   return report.reached;
@@ -181,16 +247,18 @@ bool IkClipSolver::join(std::int64_t f, std::span<const DualQuaternion> other) {
   for (int i = 0; i < kLonger; ++i, n *= 2) {
     const std::int64_t count = std::min({n, f - 1, kLongest});
     if (count < 1) return false;
-    if (lead_over(f, other, count)) return true;
-    if (count < n) return false;
+    const std::int64_t led = lead_over(f, other, count);
+    if (led == count) return true;
+    if (led < kShortest || count < n) return false;  // a longer one begins the same way
   }
   return false;
 }
 
-/// Leads `count` frames before f over to `other`. False: one of them lost its targets; nothing has
-/// changed.
-bool IkClipSolver::lead_over(std::int64_t f, std::span<const DualQuaternion> other,
-                             std::int64_t count) {
+/// Leads `count` frames before f over to `other`. Fewer than that: there a frame lost its targets
+/// or the way bends more than it may, and nothing has changed.
+std::int64_t IkClipSolver::lead_over(std::int64_t f, std::span<const DualQuaternion> other,
+                                     std::int64_t count) {
+  std::span<const DualQuaternion> after = other, next;
   for (std::int64_t k = 1; k <= count; ++k) {
     const auto way = row(way_, k - 1, joints_);
     const double w = ease(double(count + 1 - k) / double(count + 1));
@@ -199,13 +267,17 @@ bool IkClipSolver::lead_over(std::int64_t f, std::span<const DualQuaternion> oth
     }
     solver_.resume(way, way);
     credit_ -= 1.0;
-    if (!solver_.follow(targets(f - k), way).reached) return false;
+    if (!solver_.follow(targets(f - k), way).reached) return k - 1;
+    if (k > 1 && bend(way, after, next) > way_bend_) return k - 1;
+    next = after;
+    after = way;
   }
+  if (bend(pose(f - count - 1), after, next) > way_bend_) return count - 1;
   for (std::int64_t k = 1; k <= count; ++k) {
     std::ranges::copy(row(way_, k - 1, joints_), pose(f - k).begin());
   }
   mark_rough(f - count, f);
-  return true;
+  return count;
 }
 
 /// Follows the solution in back_[0] to earlier frames, until it meets the one that is there (not
@@ -252,19 +324,7 @@ void IkClipSolver::mark_rough(std::int64_t first, std::int64_t last) {
   rough_ = std::max(rough_, last);
 }
 
-/// The largest second difference of a joint's rotation at a frame, rad per frame^2.
-double IkClipSolver::kink(std::int64_t f) const {
-  const auto a = pose(f - 2), b = pose(f - 1), c = pose(f);
-  double most = 0.0;
-  for (std::int32_t i = 0; i < joints_; ++i) {
-    const Eigen::Vector4d middle = b[i].real.coeffs();
-    const Eigen::Vector4d from = a[i].real.coeffs(), to = c[i].real.coeffs();
-    const Eigen::Vector4d bent = (middle.dot(from) < 0.0 ? -1.0 : 1.0) * from - 2.0 * middle +
-                                 (middle.dot(to) < 0.0 ? -1.0 : 1.0) * to;
-    most = std::max(most, bent.squaredNorm());
-  }
-  return 2.0 * std::sqrt(most);
-}
+double IkClipSolver::kink(std::int64_t f) const { return bend(pose(f - 2), pose(f - 1), pose(f)); }
 
 /// Bends much more than it did shortly before: no part of a fast motion.
 bool IkClipSolver::sharp(std::int64_t f) const {
@@ -315,16 +375,19 @@ void IkClipSolver::smooth_rough(std::int64_t f) {
 /// Frames up to `now` have answers; those after `last` stay.
 void IkClipSolver::smooth_stretch(std::int64_t first, std::int64_t last, std::int64_t now) {
   if (last - first >= static_cast<std::int64_t>(way_.size()) / joints_) return;
-  const double before = worst_kink(first + 1, now);
+  const std::int64_t felt = std::min(now, last + 2);
+  const double before = worst_kink(first + 1, felt);
   for (std::int64_t i = first; i <= last; ++i) {
     std::ranges::copy(pose(i), row(way_, i - first, joints_).begin());
   }
-  for (const std::int64_t stride : kStrides) {
+  for (std::size_t k = 0; k < kStrides.size(); ++k) {
+    const std::int64_t stride = kStrides[k];
+    if (k == kStrides.size() / 2 && worst_kink(first + 1, felt) < kKink) break;
     for (std::int64_t i = first; i <= last; ++i) {
       if (i - 2 * stride >= 0 && i + 2 * stride <= now) smooth(i, stride);
     }
   }
-  const double after = worst_kink(first + 1, now);
+  const double after = worst_kink(first + 1, felt);
   if (after < before) return;
   for (std::int64_t i = first; i <= last; ++i) {
     std::ranges::copy(row(way_, i - first, joints_), pose(i).begin());

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <compare>
 #include <cstdint>
 #include <span>
 #include <utility>
@@ -34,10 +35,15 @@ class IkClipSolver {
   std::span<const EffectorTarget> targets(std::int64_t frame) const;
   std::span<DualQuaternion> pose(std::int64_t frame) const;
   void watch(std::int64_t frame, const IkReport&);
+  bool follow_to(std::int64_t frame, std::int64_t from, std::int64_t to,
+                 std::span<DualQuaternion> pose);
+  bool try_elsewhere(std::int64_t frame, std::size_t start, std::span<DualQuaternion> other,
+                     IkReport&);
   void look_elsewhere(std::int64_t frame, IkReport&);
   bool mend(std::int64_t frame, IkReport&);
   bool join(std::int64_t frame, std::span<const DualQuaternion> other);
-  bool lead_over(std::int64_t frame, std::span<const DualQuaternion> other, std::int64_t count);
+  std::int64_t lead_over(std::int64_t frame, std::span<const DualQuaternion> other,
+                         std::int64_t count);
   std::int64_t follow_back(std::int64_t frame, std::int64_t least);
   bool join_earlier(std::int64_t frame, std::int64_t least);
   void mark_rough(std::int64_t first, std::int64_t last);
@@ -50,14 +56,27 @@ class IkClipSolver {
   static std::span<DualQuaternion> row(std::vector<DualQuaternion>&, std::int64_t index,
                                        std::int32_t joints);
 
+  std::span<DualQuaternion> elsewhere(std::size_t start) {
+    return row(elsewhere_, static_cast<std::int64_t>(start), joints_);
+  }
+
+  /// Another solution of a frame.
+  struct Other {
+    bool ends = false;  ///< soon
+    double turn = 0.0;  ///< from the frame's answer (rad)
+    std::size_t start = 0;
+    auto operator<=>(const Other&) const = default;
+  };
+
   IkSolver& solver_;
   std::int32_t joints_, effectors_;
   std::int64_t frames_, next_ = 0, retry_ = 0, patience_ = 1, jumped_ = -1;
   std::span<const EffectorTarget> targets_;
   std::span<DualQuaternion> poses_;
-  std::vector<DualQuaternion> elsewhere_;       ///< [try * joint]
-  std::vector<std::pair<double, int>> others_;  ///< turn from the frame's answer (rad), try
-  double credit_;                               ///< frames that may be solved again
+  std::vector<DualQuaternion> elsewhere_;  ///< [start * joint]
+  std::vector<Other> others_;              ///< the best first
+  double way_bend_ = 0.0;  ///< rad per frame^2, at most on a way from one solution to another
+  double credit_;          ///< frames that may be solved again
   std::vector<DualQuaternion> way_;  ///< [frame * joint] from one solution to another, backwards
   std::vector<DualQuaternion>
       back_;  ///< [frame * joint] the other solution, backwards; 0: the frame

@@ -53,6 +53,7 @@ struct IkSolver::State : IkDescent {
   void restart(int attempt);
   void solve_with_restarts(IkReport&);
   void solve_levels(std::span<const EffectorTarget>, IkReport&);
+  void answer(std::span<const EffectorTarget>, const IkState& previous, bool following, IkReport&);
 
   IkState best, wound;
   IkState last, before;  ///< answers to the calls before
@@ -177,6 +178,26 @@ void IkSolver::State::solve_levels(std::span<const EffectorTarget> targets, IkRe
   evaluate(now, at_now, rows_next);  // rows_now keep their multipliers for the next frame
 }
 
+/// From `now` to the answer, and what the report says of it. `previous`: where speeds count from.
+void IkSolver::State::answer(std::span<const EffectorTarget> targets, const IkState& previous,
+                             bool following, IkReport& report) {
+  if (speed.any()) {
+    rows.set_previous(previous);
+    speed.narrow(previous, tree, now);
+  }
+  if (!rows.none()) {
+    solve_levels(targets, report);
+  } else if (following) {
+    follow_freely(report);
+  } else {
+    solve_with_restarts(report);
+  }
+  speed.widen(tree);
+  remember();
+  report.cost = at_now.cost;
+  report.reached = rows_next.reached && reached(at_now);
+}
+
 IkSolver::IkSolver(std::unique_ptr<State> state) : state_(std::move(state)) {}
 IkSolver::IkSolver(IkSolver&&) noexcept = default;
 IkSolver& IkSolver::operator=(IkSolver&&) noexcept = default;
@@ -223,23 +244,11 @@ IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<Dual
   if (s.paper) return s.solve_paper(targets, pose);
   IkReport report;
   s.tree.resolve(targets, s.goals);
-  if (s.speed.any()) {
-    s.tree.load(previous, s.next);
-    s.rows.set_previous(s.next);
-  }
+  if (s.speed.any()) s.tree.load(previous, s.next);
   s.tree.load(pose, s.now);
   s.settled_damping = s.options.damping;
   s.brake->forget();
-  s.speed.narrow(s.next, s.tree, s.now);
-  if (s.rows.none()) {
-    s.solve_with_restarts(report);
-  } else {
-    s.solve_levels(targets, report);
-  }
-  s.speed.widen(s.tree);
-  s.remember();
-  report.cost = s.at_now.cost;
-  report.reached = s.rows_next.reached && s.reached(s.at_now);
+  s.answer(targets, s.next, false, report);
   if (report.relinearisations == 0) {
     project_into_limits(s.rig, pose);  // what is inside stays bit for bit
   } else {
@@ -261,18 +270,8 @@ IkReport IkSolver::follow(std::span<const EffectorTarget> targets, std::span<Dua
     return s.solve_paper(targets, pose);
   }
   s.start = s.now.x;
-  if (s.rows.none()) {
-    s.follow_freely(report);
-  } else {
-    if (s.speed.any()) s.rows.set_previous(s.last);
-    s.speed.narrow(s.last, s.tree, s.now);
-    s.solve_levels(targets, report);
-    s.speed.widen(s.tree);
-  }
-  s.remember();
+  s.answer(targets, s.last, true, report);
   report.strayed = s.tree.limited.cwiseProduct(s.now.x - s.start).cwiseAbs().maxCoeff();
-  report.cost = s.at_now.cost;
-  report.reached = s.rows_next.reached && s.reached(s.at_now);
   for (const std::int32_t joint : s.tree.outside) pose[joint] = s.outside[joint];
   s.tree.store(s.now, s.at_now, pose);
   return report;

@@ -129,7 +129,7 @@ TEST(IkClip, MendingIsWhatReachesAWoundClip) {
         clip.rig, [&](int i) { return std::span<const DualQuaternion>(clip.truth[i]); });
     rough += largest_jerk(clip.rig, [&](int i) { return clip.pose(i); }) > 2.0 * truth;
   }
-  EXPECT_LE(rough, 1);
+  EXPECT_EQ(rough, 0);
   EXPECT_GT(lost, 0);
   EXPECT_GT(mended, 0);
 }
@@ -188,12 +188,17 @@ TEST(IkClip, OutOfReachTheLimitsHoldAndCostStaysThatOfALonePose) {
 TEST(IkClip, OutOfReachNothingJumps) {
   // Best reaches come and go; what is shown stays about as calm as the motion whose targets were
   // pulled apart.
-  for (const char* name : {"arm3", "hand", "biped-full", "biped-hands"}) {
-    const Followed f = follow_motion(name, 6, {}, 0.0, 1.2);
+  const auto calm = [](const char* name, unsigned seed) {
+    const Followed f = follow_motion(name, seed, {}, 0.0, 1.2);
     const double truth =
         largest_jerk(f.rig, [&](int i) { return std::span<const DualQuaternion>(f.truth[i]); });
-    EXPECT_LT(largest_jerk(f.rig, [&](int i) { return f.pose(i); }), 2.0 * truth) << name;
+    EXPECT_LT(largest_jerk(f.rig, [&](int i) { return f.pose(i); }), 2.0 * truth)
+        << name << " " << seed;
+  };
+  for (unsigned seed = 1; seed <= 12; ++seed) {
+    for (const char* name : {"hand", "biped-full", "biped-hands"}) calm(name, seed);
   }
+  calm("arm3", 6);  // never within reach; where others come back, they may have to hurry
 }
 
 }  // namespace

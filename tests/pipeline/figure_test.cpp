@@ -60,6 +60,22 @@ TEST(Target, EveryRigStandsWithinItsOwnLimits) {
   }
 }
 
+/// Clavicles that hang from the neck (3ds Max Biped) make no trunk of it: it turns with the head.
+TEST(Figure, AJointThatIsCalledNeckIsOneAlthoughTheArmsHangFromIt) {
+  const auto target = load_target("biped-full", {});
+  ASSERT_TRUE(target);
+  const Figure& usual = target->figure;
+  const std::int32_t neck = usual.at(Role::neck);
+  Character character = target->character;
+  for (const Role shoulder : {Role::leftShoulder, Role::rightShoulder}) {
+    character.skeleton.parents[usual.at(shoulder)] = neck;
+  }
+  const auto figure = identify_figure(character);
+  ASSERT_TRUE(figure);
+  EXPECT_EQ(figure->neck, usual.neck);
+  EXPECT_EQ(figure->spine, usual.spine);
+}
+
 /// The body rig with names that mean nothing: topology and geometry must find the same joints.
 TEST(Figure, UnnamedSkeletonsAreFoundByTheirShape) {
   const auto target = load_target("biped-full", {});

@@ -88,6 +88,7 @@ std::vector<double> eased(const std::vector<std::uint8_t>& stands, double rate_h
   return out;
 }
 
+/// The turn about a level axis that takes `share` of the slope from a line along the sole.
 Quaterniond levelling(const Vector3d& along, double share) {
   const Vector3d run = horizontal(along);
   if (run.norm() < 1e-6) return Quaterniond::Identity();

@@ -62,33 +62,30 @@ class Body {
   }
 
   /// From and to in the T-pose's space.
+  void add(BodyPart part, std::int32_t joint, const Vector3d& from, std::int32_t end_joint,
+           const Vector3d& to) {
+    const auto in = [&](std::int32_t j, const Vector3d& p) {
+      return calibration_.model_from_joint[j].conjugate().transform_point(p);
+    };
+    out_.push_back(
+        {part,
+         joint,
+         end_joint,
+         {in(joint, from), in(end_joint, to), scale_ * kRadius[static_cast<std::size_t>(part)]}});
+  }
   void add(BodyPart part, std::int32_t joint, const Vector3d& from, const Vector3d& to) {
-    const DualQuaternion joint_from_model = calibration_.model_from_joint[joint].conjugate();
-    out_.push_back({part,
-                    joint,
-                    {joint_from_model.transform_point(from), joint_from_model.transform_point(to),
-                     scale_ * kRadius[static_cast<std::size_t>(part)]}});
+    add(part, joint, from, joint, to);
   }
 
-  /// The line from hips to shoulders, cut where the spine's joints are.
+  /// On the line from hips to shoulders, straight however the spine bends: figures whose spines
+  /// have different joints are measured alike.
   void add_torso() {
     if (!figure_.has(Role::leftUpperArm) || !figure_.has(Role::rightUpperArm)) return;
     const Vector3d from = between(Role::leftUpperLeg, Role::rightUpperLeg);
     const Vector3d along = between(Role::leftUpperArm, Role::rightUpperArm) - from;
-    double begin = kTorsoBegin;
-    std::int32_t carrier = figure_.root();
-    for (const std::int32_t joint : figure_.spine) {
-      const double end =
-          std::min((position(joint) - from).dot(along) / along.squaredNorm(), kTorsoEnd);
-      if (end > begin) {
-        add(BodyPart::torso, carrier, from + begin * along, from + end * along);
-        begin = end;
-      }
-      carrier = joint;
-    }
-    if (begin < kTorsoEnd) {
-      add(BodyPart::torso, carrier, from + begin * along, from + kTorsoEnd * along);
-    }
+    const std::int32_t hips = figure_.at(Role::hips);
+    add(BodyPart::torso, hips, from + kTorsoBegin * along,
+        figure_.spine.empty() ? hips : figure_.spine.back(), from + kTorsoEnd * along);
   }
 
   void add_limbs(Side side) {
@@ -146,23 +143,24 @@ std::vector<PartCapsule> body_capsules(const Figure& figure, const Calibration& 
 void part_gaps(std::span<const PartCapsule> capsules,
                std::span<const DualQuaternion> model_from_joint, std::span<PartGap> gaps) {
   std::ranges::fill(gaps, PartGap{});
-  std::vector<Capsule> placed;
-  placed.reserve(capsules.size());
-  for (const PartCapsule& c : capsules) {
-    const DualQuaternion& world = model_from_joint[c.joint];
-    placed.push_back({world.transform_point(c.capsule.from), world.transform_point(c.capsule.to),
-                      c.capsule.radius});
+  std::array<std::int32_t, kBodyPartCount> capsule_of;
+  std::array<Capsule, kBodyPartCount> placed;
+  capsule_of.fill(kNoJoint);
+  for (std::size_t i = 0; i < capsules.size(); ++i) {
+    const auto part = static_cast<std::size_t>(capsules[i].part);
+    capsule_of[part] = static_cast<std::int32_t>(i);
+    placed[part] = capsules[i].placed(model_from_joint);
   }
+  const auto carrier = [&](std::size_t part, const Vector3d& p) {
+    const PartCapsule& c = capsules[capsule_of[part]];
+    const bool ends = (p - placed[part].to).norm() < (p - placed[part].from).norm();
+    return ends ? c.end_joint : c.joint;
+  };
   for (std::size_t k = 0; k < kPairs.size(); ++k) {
-    for (std::size_t i = 0; i < capsules.size(); ++i) {
-      if (capsules[i].part != kPairs[k].a) continue;
-      for (std::size_t j = 0; j < capsules.size(); ++j) {
-        if (capsules[j].part != kPairs[k].b) continue;
-        const CapsuleGap gap = capsule_gap(placed[i], placed[j]);
-        if (gap.gap >= gaps[k].gap) continue;
-        gaps[k] = {gap.gap, capsules[i].joint, capsules[j].joint, gap.on_a, gap.on_b};
-      }
-    }
+    const auto a = static_cast<std::size_t>(kPairs[k].a), b = static_cast<std::size_t>(kPairs[k].b);
+    if (capsule_of[a] == kNoJoint || capsule_of[b] == kNoJoint) continue;
+    const CapsuleGap gap = capsule_gap(placed[a], placed[b]);
+    gaps[k] = {gap.gap, carrier(a, gap.on_a), carrier(b, gap.on_b), gap.on_a, gap.on_b};
   }
 }
 

@@ -100,9 +100,11 @@ Depths depths(const std::filesystem::path& path, const Target& figure) {
   for (std::int64_t f = 0; f < imported->clips.front().frames(); ++f) {
     model_from_local(skeleton, imported->clips.front().frame(f), model);
     const auto placed = [&](const PartCapsule& c) {
-      const std::int32_t j = skeleton.find(figure.character.skeleton.names[c.joint]);
-      return Capsule{model[j].transform_point(c.capsule.from),
-                     model[j].transform_point(c.capsule.to), c.capsule.radius};
+      const auto named = [&](std::int32_t joint) -> const DualQuaternion& {
+        return model[skeleton.find(figure.character.skeleton.names[joint])];
+      };
+      return Capsule{named(c.joint).transform_point(c.capsule.from),
+                     named(c.end_joint).transform_point(c.capsule.to), c.capsule.radius};
     };
     out.push_back({});
     for (const PartCapsule& a : capsules) {

@@ -38,6 +38,18 @@ constexpr std::array<PartPair, 20> kPairs = {{
     {BodyPart::leftHand, BodyPart::rightForearm},    {BodyPart::leftHand, BodyPart::rightHand},
 }};
 
+/// The axis of a trunk, straight however the spine bends: figures whose spines have different
+/// joints are measured alike.
+Capsule trunk_line(const std::array<std::int32_t, 4>& trunk,
+                   std::span<const DualQuaternion> model_from_joint) {
+  const auto middle = [&](std::size_t i) {
+    return Vector3d(0.5 * (model_from_joint[trunk[i]].translation() +
+                           model_from_joint[trunk[i + 1]].translation()));
+  };
+  const Vector3d hips = middle(0), along = middle(2) - hips;
+  return {hips + kTorsoBegin * along, hips + kTorsoEnd * along};
+}
+
 /// The capsules of one figure, built in its T-pose.
 class Body {
  public:
@@ -57,10 +69,6 @@ class Body {
 
  private:
   Vector3d position(std::int32_t joint) const { return calibration_.position(joint); }
-  Vector3d between(Role left, Role right) const {
-    return 0.5 * (position(figure_.at(left)) + position(figure_.at(right)));
-  }
-
   /// From and to in the T-pose's space.
   void add(BodyPart part, std::int32_t joint, const Vector3d& from, std::int32_t end_joint,
            const Vector3d& to) {
@@ -77,15 +85,17 @@ class Body {
     add(part, joint, from, joint, to);
   }
 
-  /// On the line from hips to shoulders, straight however the spine bends: figures whose spines
-  /// have different joints are measured alike.
   void add_torso() {
-    if (!figure_.has(Role::leftUpperArm) || !figure_.has(Role::rightUpperArm)) return;
-    const Vector3d from = between(Role::leftUpperLeg, Role::rightUpperLeg);
-    const Vector3d along = between(Role::leftUpperArm, Role::rightUpperArm) - from;
+    const std::array roles = {Role::leftUpperLeg, Role::rightUpperLeg, Role::leftUpperArm,
+                              Role::rightUpperArm};
+    if (!figure_.has(roles[2]) || !figure_.has(roles[3])) return;
     const std::int32_t hips = figure_.at(Role::hips);
-    add(BodyPart::torso, hips, from + kTorsoBegin * along,
-        figure_.spine.empty() ? hips : figure_.spine.back(), from + kTorsoEnd * along);
+    const std::int32_t chest = figure_.spine.empty() ? hips : figure_.spine.back();
+    std::array<std::int32_t, 4> trunk;
+    std::ranges::transform(roles, trunk.begin(), [&](Role role) { return figure_.at(role); });
+    const Capsule line = trunk_line(trunk, calibration_.model_from_joint);
+    add(BodyPart::torso, hips, line.from, chest, line.to);
+    out_.back().trunk = trunk;
   }
 
   void add_limbs(Side side) {
@@ -100,9 +110,11 @@ class Body {
     const Vector3d lower = position(wrist) - position(elbow);
     add(left ? BodyPart::leftForearm : BodyPart::rightForearm, elbow,
         position(elbow) + kForearmBegin * lower, position(wrist));
+    // A hand whose bone ends nowhere goes on as the forearm does.
     Vector3d ahead = calibration_.model_from_joint[wrist].rotation() * calibration_.tip[wrist];
-    if (ahead.norm() < 1e-6) ahead = lower;
-    add(left ? BodyPart::leftHand : BodyPart::rightHand, wrist, position(wrist),
+    const bool pointless = ahead.norm() < 1e-6;
+    if (pointless) ahead = lower;
+    add(left ? BodyPart::leftHand : BodyPart::rightHand, pointless ? elbow : wrist, position(wrist),
         position(wrist) + kHandLength * scale_ * ahead.stableNormalized());
   }
 
@@ -113,6 +125,15 @@ class Body {
 };
 
 }  // namespace
+
+Capsule PartCapsule::placed(std::span<const DualQuaternion> model_from_joint) const {
+  if (trunk[0] != kNoJoint) {
+    const Capsule line = trunk_line(trunk, model_from_joint);
+    return {line.from, line.to, capsule.radius};
+  }
+  return {model_from_joint[joint].transform_point(capsule.from),
+          model_from_joint[end_joint].transform_point(capsule.to), capsule.radius};
+}
 
 std::span<const PartPair> part_pairs() { return kPairs; }
 

@@ -25,17 +25,17 @@ enum class BodyPart : std::uint8_t {
 };
 inline constexpr std::size_t kBodyPartCount = 8;
 
-/// The capsule of a part. A trunk's reaches from one joint to another, other parts' are on one.
+/// The capsule of a part, on one joint. The trunk's reaches from the hips to the chest.
 struct PartCapsule {
   BodyPart part = BodyPart::torso;
   std::int32_t joint = 0, end_joint = 0;  ///< of the skeleton: what carries its two ends
   Capsule capsule;                        ///< `from` in the joint's space, `to` in the end joint's
+  /// The trunk's: the joints of both thighs and both upper arms, kNoJoint for other parts. Its axis
+  /// lies on the line between the middles of either two, wherever a pose has them.
+  std::array<std::int32_t, 4> trunk{kNoJoint, kNoJoint, kNoJoint, kNoJoint};
 
   /// In model space.
-  Capsule placed(std::span<const DualQuaternion> model_from_joint) const {
-    return {model_from_joint[joint].transform_point(capsule.from),
-            model_from_joint[end_joint].transform_point(capsule.to), capsule.radius};
-  }
+  Capsule placed(std::span<const DualQuaternion> model_from_joint) const;
 };
 
 /// Two parts that are to stay apart: an arm's and one that is no neighbour of it.

@@ -116,6 +116,7 @@ class Separator {
     for (PartCapsule& c : capsules_) {
       c.joint = row_of(c.joint);
       c.end_joint = row_of(c.end_joint);
+      for (std::int32_t& j : c.trunk) j = j == kNoJoint ? kNoJoint : row_of(j);
     }
     rig_.collisions.clear();
     for (const PartPair& pair : part_pairs()) {

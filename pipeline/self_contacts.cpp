@@ -45,9 +45,10 @@ constexpr double kCoverS = 0.02;     // onsets of pushes
 constexpr double kChangeS = 0.1;     // changes of poses
 constexpr double kArch = 4.0;        // m/s^2: no push bends down by more
 constexpr double kFar = 0.15;        // m: pairs with more room than that have no row
-constexpr double kSettled = 1e-4;    // m: a lack that counts as none
+constexpr double kSettled = 2e-4;    // m: a lack that counts as none
 constexpr double kNothing = 1e-6;    // m: a push that does
 constexpr int kRounds = 16;
+constexpr double kFurther = 1.4;   // times what lacks, after the first round
 constexpr int kSteps = 2;          // of the linear problem, per frame and round,
 constexpr double kDamping = 0.01;  // and their damping
 constexpr double kFirm = 30.0;     // weight of what is no arm's: trunk and legs stand
@@ -242,7 +243,7 @@ class Separator {
       if (!some_lack(lack_of_[k])) continue;
       const std::vector<double> more = cover(lack_of_[k]);
       for (std::int64_t f = 0; f < frames_; ++f) {
-        plans_[k].push[f] += more[f];
+        plans_[k].push[f] += kFurther * more[f];
         due[f] |= more[f] > kNothing;
       }
     }
@@ -293,8 +294,7 @@ class Separator {
     return out;
   }
 
-  /// The clip is the solved one and the smooth mean of the changes, wherever one is near that is
-  /// new.
+  /// Puts the smooth mean of the changes on the solved clip, wherever one that is new is near.
   void smooth_changes(const std::vector<std::uint8_t>& due) {
     const std::vector<double> window = smooth_window(frames_of(kChangeS));
     const auto reach = static_cast<std::int64_t>(window.size()) / 2;
@@ -304,26 +304,32 @@ class Separator {
       const std::int64_t first = std::max<std::int64_t>(f - reach, 0);
       std::fill(near.begin() + first, near.begin() + std::min(f + reach, frames_ - 1) + 1, 1);
     }
-    std::vector<Vector3d> turn(static_cast<std::size_t>(frames_)), move(turn);
-    for (std::size_t i = 0; i < rows_; ++i) {
-      for (std::int64_t f = 0; f < frames_; ++f) {
-        const DualQuaternion &from = solved_.frame(f)[i], &to = pushed_.frame(f)[i];
-        turn[f] = rotation_log(from.rotation().conjugate() * to.rotation());
-        move[f] = to.translation() - from.translation();
+    for (std::int64_t f = 0; f < frames_; ++f) figures_.pressed[f] |= near[f];
+    for (std::size_t i = 0; i < rows_; ++i) smooth_row(i, near, window);
+  }
+
+  void smooth_row(std::size_t row, const std::vector<std::uint8_t>& near,
+                  std::span<const double> window) {
+    std::vector<Vector3d> turn(std::size_t(frames_), Vector3d::Zero()), move(turn);
+    bool moved = false;
+    for (std::int64_t f = 0; f < frames_; ++f) {
+      const DualQuaternion &from = solved_.frame(f)[row], &to = pushed_.frame(f)[row];
+      if (from.real.coeffs() == to.real.coeffs() && from.dual.coeffs() == to.dual.coeffs()) {
+        continue;
       }
-      turn = smooth_mean<Vector3d>(turn, window);
-      move = smooth_mean<Vector3d>(move, window);
-      for (std::int64_t f = 0; f < frames_; ++f) {
-        if (near[f] == 0) continue;
-        const DualQuaternion& from = solved_.frame(f)[i];
-        clip_.frame(f)[i] = DualQuaternion::from_rotation_translation(
-            (from.rotation() * rotation_exp(turn[f])).normalized(), from.translation() + move[f]);
-      }
+      turn[f] = rotation_log(from.rotation().conjugate() * to.rotation());
+      move[f] = to.translation() - from.translation();
+      moved = true;
     }
+    if (!moved) return;
+    turn = smooth_mean<Vector3d>(turn, window);
+    move = smooth_mean<Vector3d>(move, window);
     for (std::int64_t f = 0; f < frames_; ++f) {
       if (near[f] == 0) continue;
-      project_into_limits(rig_, clip_.frame(f));
-      figures_.pressed[f] = 1;
+      const DualQuaternion& from = solved_.frame(f)[row];
+      clip_.frame(f)[row] = DualQuaternion::from_rotation_translation(
+          (from.rotation() * rotation_exp(turn[f])).normalized(), from.translation() + move[f]);
+      project_joint(rig_, static_cast<std::int32_t>(row), clip_.frame(f));
     }
   }
 

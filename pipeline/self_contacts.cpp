@@ -51,18 +51,21 @@ constexpr int kRounds = 16;
 constexpr double kFurther = 1.4;   // times what lacks, after the first round
 constexpr int kSteps = 2;          // of the linear problem, per frame and round,
 constexpr double kDamping = 0.01;  // and their damping
-constexpr double kFirm = 30.0;     // weight of what is no arm's: trunk and legs stand
+constexpr double kFirm = 30.0;     // weight of what is no arm's: trunk and legs stand,
+constexpr double kShoulder = 3.0;  // and shoulders nearly do
 constexpr double kStiff = 4.0;     // weight of how hands are turned: they come along
 
 bool some_lack(const std::vector<double>& lack) {
   return *std::ranges::max_element(lack) > kSettled;
 }
 
-bool is_arm(const std::string& role) {
+/// How much a role's joint weighs more than in the solve: arms give way first.
+double firmness(const std::string& role) {
   const auto known = role_named(role);
-  if (!known) return false;
+  if (!known) return kFirm;
   const Role left = side_of(*known) == Side::right ? mirrored(*known) : *known;
-  return left >= Role::leftShoulder && left <= Role::leftLittleDistal;
+  if (left == Role::leftShoulder) return kShoulder;
+  return left >= Role::leftUpperArm && left <= Role::leftLittleDistal ? 1.0 : kFirm;
 }
 
 bool is_hand(const std::string& role) {
@@ -289,7 +292,7 @@ class Separator {
       const DualQuaternion& joint = model[effector.joint];
       out[e].pose = DualQuaternion::from_rotation_translation(
           joint.rotation(), joint.transform_point(effector.offset));
-      if (!is_arm(rig_.joints[effector.joint].role)) out[e].weight *= kFirm;
+      out[e].weight *= firmness(rig_.joints[effector.joint].role);
     }
     return out;
   }

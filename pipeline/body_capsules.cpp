@@ -38,6 +38,18 @@ constexpr std::array<PartPair, 20> kPairs = {{
     {BodyPart::leftHand, BodyPart::rightForearm},    {BodyPart::leftHand, BodyPart::rightHand},
 }};
 
+/// The axis of a trunk, straight however the spine bends: figures whose spines have different
+/// joints are measured alike.
+Capsule trunk_line(const std::array<std::int32_t, 4>& trunk,
+                   std::span<const DualQuaternion> model_from_joint) {
+  const auto middle = [&](std::size_t i) {
+    return Vector3d(0.5 * (model_from_joint[trunk[i]].translation() +
+                           model_from_joint[trunk[i + 1]].translation()));
+  };
+  const Vector3d hips = middle(0), along = middle(2) - hips;
+  return {hips + kTorsoBegin * along, hips + kTorsoEnd * along};
+}
+
 /// The capsules of one figure, built in its T-pose.
 class Body {
  public:
@@ -57,38 +69,33 @@ class Body {
 
  private:
   Vector3d position(std::int32_t joint) const { return calibration_.position(joint); }
-  Vector3d between(Role left, Role right) const {
-    return 0.5 * (position(figure_.at(left)) + position(figure_.at(right)));
-  }
-
   /// From and to in the T-pose's space.
+  void add(BodyPart part, std::int32_t joint, const Vector3d& from, std::int32_t end_joint,
+           const Vector3d& to) {
+    const auto in = [&](std::int32_t j, const Vector3d& p) {
+      return calibration_.model_from_joint[j].conjugate().transform_point(p);
+    };
+    out_.push_back(
+        {part,
+         joint,
+         end_joint,
+         {in(joint, from), in(end_joint, to), scale_ * kRadius[static_cast<std::size_t>(part)]}});
+  }
   void add(BodyPart part, std::int32_t joint, const Vector3d& from, const Vector3d& to) {
-    const DualQuaternion joint_from_model = calibration_.model_from_joint[joint].conjugate();
-    out_.push_back({part,
-                    joint,
-                    {joint_from_model.transform_point(from), joint_from_model.transform_point(to),
-                     scale_ * kRadius[static_cast<std::size_t>(part)]}});
+    add(part, joint, from, joint, to);
   }
 
-  /// The line from hips to shoulders, cut where the spine's joints are.
   void add_torso() {
-    if (!figure_.has(Role::leftUpperArm) || !figure_.has(Role::rightUpperArm)) return;
-    const Vector3d from = between(Role::leftUpperLeg, Role::rightUpperLeg);
-    const Vector3d along = between(Role::leftUpperArm, Role::rightUpperArm) - from;
-    double begin = kTorsoBegin;
-    std::int32_t carrier = figure_.root();
-    for (const std::int32_t joint : figure_.spine) {
-      const double end =
-          std::min((position(joint) - from).dot(along) / along.squaredNorm(), kTorsoEnd);
-      if (end > begin) {
-        add(BodyPart::torso, carrier, from + begin * along, from + end * along);
-        begin = end;
-      }
-      carrier = joint;
-    }
-    if (begin < kTorsoEnd) {
-      add(BodyPart::torso, carrier, from + begin * along, from + kTorsoEnd * along);
-    }
+    const std::array roles = {Role::leftUpperLeg, Role::rightUpperLeg, Role::leftUpperArm,
+                              Role::rightUpperArm};
+    if (!figure_.has(roles[2]) || !figure_.has(roles[3])) return;
+    const std::int32_t hips = figure_.at(Role::hips);
+    const std::int32_t chest = figure_.spine.empty() ? hips : figure_.spine.back();
+    std::array<std::int32_t, 4> trunk;
+    std::ranges::transform(roles, trunk.begin(), [&](Role role) { return figure_.at(role); });
+    const Capsule line = trunk_line(trunk, calibration_.model_from_joint);
+    add(BodyPart::torso, hips, line.from, chest, line.to);
+    out_.back().trunk = trunk;
   }
 
   void add_limbs(Side side) {
@@ -103,9 +110,11 @@ class Body {
     const Vector3d lower = position(wrist) - position(elbow);
     add(left ? BodyPart::leftForearm : BodyPart::rightForearm, elbow,
         position(elbow) + kForearmBegin * lower, position(wrist));
+    // A hand whose bone ends nowhere goes on as the forearm does.
     Vector3d ahead = calibration_.model_from_joint[wrist].rotation() * calibration_.tip[wrist];
-    if (ahead.norm() < 1e-6) ahead = lower;
-    add(left ? BodyPart::leftHand : BodyPart::rightHand, wrist, position(wrist),
+    const bool pointless = ahead.norm() < 1e-6;
+    if (pointless) ahead = lower;
+    add(left ? BodyPart::leftHand : BodyPart::rightHand, pointless ? elbow : wrist, position(wrist),
         position(wrist) + kHandLength * scale_ * ahead.stableNormalized());
   }
 
@@ -116,6 +125,15 @@ class Body {
 };
 
 }  // namespace
+
+Capsule PartCapsule::placed(std::span<const DualQuaternion> model_from_joint) const {
+  if (trunk[0] != kNoJoint) {
+    const Capsule line = trunk_line(trunk, model_from_joint);
+    return {line.from, line.to, capsule.radius};
+  }
+  return {model_from_joint[joint].transform_point(capsule.from),
+          model_from_joint[end_joint].transform_point(capsule.to), capsule.radius};
+}
 
 std::span<const PartPair> part_pairs() { return kPairs; }
 
@@ -146,23 +164,24 @@ std::vector<PartCapsule> body_capsules(const Figure& figure, const Calibration& 
 void part_gaps(std::span<const PartCapsule> capsules,
                std::span<const DualQuaternion> model_from_joint, std::span<PartGap> gaps) {
   std::ranges::fill(gaps, PartGap{});
-  std::vector<Capsule> placed;
-  placed.reserve(capsules.size());
-  for (const PartCapsule& c : capsules) {
-    const DualQuaternion& world = model_from_joint[c.joint];
-    placed.push_back({world.transform_point(c.capsule.from), world.transform_point(c.capsule.to),
-                      c.capsule.radius});
+  std::array<std::int32_t, kBodyPartCount> capsule_of;
+  std::array<Capsule, kBodyPartCount> placed;
+  capsule_of.fill(kNoJoint);
+  for (std::size_t i = 0; i < capsules.size(); ++i) {
+    const auto part = static_cast<std::size_t>(capsules[i].part);
+    capsule_of[part] = static_cast<std::int32_t>(i);
+    placed[part] = capsules[i].placed(model_from_joint);
   }
+  const auto carrier = [&](std::size_t part, const Vector3d& p) {
+    const PartCapsule& c = capsules[capsule_of[part]];
+    const bool ends = (p - placed[part].to).norm() < (p - placed[part].from).norm();
+    return ends ? c.end_joint : c.joint;
+  };
   for (std::size_t k = 0; k < kPairs.size(); ++k) {
-    for (std::size_t i = 0; i < capsules.size(); ++i) {
-      if (capsules[i].part != kPairs[k].a) continue;
-      for (std::size_t j = 0; j < capsules.size(); ++j) {
-        if (capsules[j].part != kPairs[k].b) continue;
-        const CapsuleGap gap = capsule_gap(placed[i], placed[j]);
-        if (gap.gap >= gaps[k].gap) continue;
-        gaps[k] = {gap.gap, capsules[i].joint, capsules[j].joint, gap.on_a, gap.on_b};
-      }
-    }
+    const auto a = static_cast<std::size_t>(kPairs[k].a), b = static_cast<std::size_t>(kPairs[k].b);
+    if (capsule_of[a] == kNoJoint || capsule_of[b] == kNoJoint) continue;
+    const CapsuleGap gap = capsule_gap(placed[a], placed[b]);
+    gaps[k] = {gap.gap, carrier(a, gap.on_a), carrier(b, gap.on_b), gap.on_a, gap.on_b};
   }
 }
 

@@ -25,11 +25,17 @@ enum class BodyPart : std::uint8_t {
 };
 inline constexpr std::size_t kBodyPartCount = 8;
 
-/// A capsule of a part; a torso has one on each of its joints.
+/// The capsule of a part, on one joint. The trunk's reaches from the hips to the chest.
 struct PartCapsule {
   BodyPart part = BodyPart::torso;
-  std::int32_t joint = 0;  ///< of the skeleton
-  Capsule capsule;         ///< in the joint's space
+  std::int32_t joint = 0, end_joint = 0;  ///< of the skeleton: what carries its two ends
+  Capsule capsule;                        ///< `from` in the joint's space, `to` in the end joint's
+  /// The trunk's: the joints of both thighs and both upper arms, kNoJoint for other parts. Its axis
+  /// lies on the line between the middles of either two, wherever a pose has them.
+  std::array<std::int32_t, 4> trunk{kNoJoint, kNoJoint, kNoJoint, kNoJoint};
+
+  /// In model space.
+  Capsule placed(std::span<const DualQuaternion> model_from_joint) const;
 };
 
 /// Two parts that are to stay apart: an arm's and one that is no neighbour of it.
@@ -45,8 +51,8 @@ std::vector<PartCapsule> body_capsules(const Figure&, const Calibration&);
 /// Where two parts are nearest to each other, m.
 struct PartGap {
   double gap = std::numeric_limits<double>::infinity();  ///< below 0 they overlap
-  std::int32_t joint_a = kNoJoint, joint_b = kNoJoint;
-  Eigen::Vector3d on_a = Eigen::Vector3d::Zero();  ///< on the axes, model space
+  std::int32_t joint_a = kNoJoint, joint_b = kNoJoint;   ///< of the nearer ends
+  Eigen::Vector3d on_a = Eigen::Vector3d::Zero();        ///< on the axes, model space
   Eigen::Vector3d on_b = Eigen::Vector3d::Zero();
 };
 

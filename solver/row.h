@@ -15,7 +15,7 @@ namespace limber {
 /// One scalar row that may join any branches of the tree. With d the step of the coordinates and
 /// lambda the row's multiplier it asks for
 ///   J d + value + compliance lambda = 0,  or, one-sided,  >= 0 with lambda >= 0 (one of them 0).
-/// J d = wrench . (twist of node_a - twist of node_b) + sum of coefficient * d[coordinate].
+/// J d = wrench . twist of node_a - counter . twist of node_b + sum of coefficient * d[coordinate].
 /// A soft row stands for the cost value^2 / compliance; a hard one has no compliance.
 struct Row {
   struct Term {
@@ -26,7 +26,9 @@ struct Row {
   std::int32_t node_a = -1, node_b = -1;  ///< -1: the world
   Eigen::Vector3d force = Eigen::Vector3d::Zero(), point = Eigen::Vector3d::Zero();  ///< world
   Eigen::Vector3d torque = Eigen::Vector3d::Zero();
-  Vector6 wrench = Vector6::Zero();  ///< (torque + (point - origin) x force, force); see anchor()
+  Eigen::Vector3d apart = Eigen::Vector3d::Zero();  ///< from where node_b is pushed to `point`
+  /// (torque + (point - origin) x force, force), the counter's at point - apart; see anchor()
+  Vector6 wrench = Vector6::Zero(), counter = Vector6::Zero();
   std::array<Term, 2> terms;
   double value = 0.0;      ///< m or rad
   double tolerance = 0.0;  ///< hard: a violation that counts as none
@@ -40,15 +42,16 @@ struct Row {
   double violation(double v) const { return one_sided ? (v < 0.0 ? -v : 0.0) : std::abs(v); }
   /// By how much that is more than none.
   double excess(double v) const { return std::max(violation(v) - tolerance, 0.0); }
-  /// Takes the wrench about `origin`.
+  /// Takes the wrenches about `origin`.
   void anchor(const Eigen::Vector3d& origin) {
     wrench << torque + (point - origin).cross(force), force;
+    counter << torque + (point - apart - origin).cross(force), force;
   }
   /// J d for given twists of the nodes and step of the coordinates.
   double rate(std::span<const Vector6> node_twist, const Eigen::VectorXd& step) const {
     double sum = 0.0;
     if (node_a >= 0) sum += wrench.dot(node_twist[node_a]);
-    if (node_b >= 0) sum -= wrench.dot(node_twist[node_b]);
+    if (node_b >= 0) sum -= counter.dot(node_twist[node_b]);
     for (const Term& term : terms) {
       if (term.node >= 0) sum += term.coefficient * step[term.coordinate];
     }
@@ -70,7 +73,7 @@ struct RowPush {
   }
   void add(const Row& row, double lambda) {
     if (row.node_a >= 0) wrench[row.node_a] += lambda * row.wrench;
-    if (row.node_b >= 0) wrench[row.node_b] -= lambda * row.wrench;
+    if (row.node_b >= 0) wrench[row.node_b] -= lambda * row.counter;
     for (const Row::Term& term : row.terms) {
       if (term.node >= 0) force[term.coordinate] += lambda * term.coefficient;
     }

@@ -19,8 +19,8 @@
 // Coupling: q_to - ratio q_from - offset = 0. Speed: +-(q - q_previous) <= max_speed dt, where the
 // tree's boxes cannot say it: under an ellipse, and for rotations without limits, whose difference
 // is log(R R_previous') in the axes that their steps turn about. Contact: gap + n.(v_a - v_b) >= 0
-// with the velocities at the contact. Separation: n.(a - b) - least >= 0, its velocities both taken
-// at a: exact for a, and for b but for its turning, while a - b is not along n.
+// with the velocities at the contact. Separation: n.(a - b) - least >= 0, the velocities at
+// a and at b: taken both at a, a part would be turned about its own axis in vain.
 #include "solver/rows.h"
 
 #include <algorithm>
@@ -257,6 +257,7 @@ void IkRows::add_separations(const IkKinematics& kinematics, RowPlace& place) co
     to_world(row.node_b, kinematics, unused, b);
     row.force = apart.normal;
     row.point = a;
+    row.apart = a - b;
     row.value = apart.normal.dot(a - b) - apart.least;
     row.one_sided = true;
     row.tolerance = kTouching;

@@ -243,7 +243,7 @@ void TreeElimination::respond(const Row& row, Eigen::Ref<Eigen::VectorXd> half) 
   for (const Row::Term& term : row.terms) n = std::max(n, term.node);
   for (std::int32_t m = 0; m <= n; ++m) felt_[m].setZero();
   if (row.node_a >= 0) felt_[row.node_a] += row.wrench;
-  if (row.node_b >= 0) felt_[row.node_b] -= row.wrench;
+  if (row.node_b >= 0) felt_[row.node_b] -= row.counter;
   for (; n >= 0; --n) {
     const IkNode& node = tree_.nodes[n];
     Vector6& felt = felt_[n];

@@ -96,14 +96,13 @@ Depths depths(const std::filesystem::path& path, const Target& figure) {
   const auto capsules = body_capsules(figure.figure, figure.calibration);
   const Skeleton& skeleton = imported->character.skeleton;
   std::vector<DualQuaternion> model(skeleton.parents.size());
+  std::vector<DualQuaternion> named(figure.character.skeleton.parents.size());
   Depths out;
   for (std::int64_t f = 0; f < imported->clips.front().frames(); ++f) {
     model_from_local(skeleton, imported->clips.front().frame(f), model);
-    const auto placed = [&](const PartCapsule& c) {
-      const std::int32_t j = skeleton.find(figure.character.skeleton.names[c.joint]);
-      return Capsule{model[j].transform_point(c.capsule.from),
-                     model[j].transform_point(c.capsule.to), c.capsule.radius};
-    };
+    for (std::size_t j = 0; j < named.size(); ++j) {
+      named[j] = model[skeleton.find(figure.character.skeleton.names[j])];
+    }
     out.push_back({});
     for (const PartCapsule& a : capsules) {
       for (const PartCapsule& b : capsules) {
@@ -111,7 +110,7 @@ Depths depths(const std::filesystem::path& path, const Target& figure) {
                    column = std::ranges::find(kBody, b.part);
         if (row == kArms.end() || column == kBody.end()) continue;
         double& depth = out.back()[row - kArms.begin()][column - kBody.begin()];
-        depth = std::max(depth, sampled_depth(placed(a), placed(b)));
+        depth = std::max(depth, sampled_depth(a.placed(named), b.placed(named)));
       }
     }
   }

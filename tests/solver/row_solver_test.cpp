@@ -33,16 +33,16 @@ struct Linearised : test::Linearised {
   /// J of a row from the definition: what the row's nodes do under a unit step of a coordinate.
   VectorXd jacobian(const Row& row) const {
     VectorXd j = VectorXd::Zero(b.size());
-    const auto chain = [&](std::int32_t node, double sign) {
+    const auto chain = [&](std::int32_t node, const Vector6& wrench, double sign) {
       for (; node >= 0; node = tree.nodes[node].parent) {
         for (int i = 0; i < tree.nodes[node].coordinates; ++i) {
           const std::int32_t k = tree.nodes[node].coordinate + i;
-          j[k] += sign * row.wrench.dot(kinematics.axis[k]);
+          j[k] += sign * wrench.dot(kinematics.axis[k]);
         }
       }
     };
-    chain(row.node_a, 1.0);
-    chain(row.node_b, -1.0);
+    chain(row.node_a, row.wrench, 1.0);
+    chain(row.node_b, row.counter, -1.0);
     for (const Row::Term& term : row.terms) {
       if (term.node >= 0) j[term.coordinate] += term.coefficient;
     }

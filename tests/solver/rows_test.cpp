@@ -27,9 +27,11 @@ TEST(Rows, NoneWhereTheRigAsksForNone) {
 /// Every row's J against what its value does when a coordinate moves. `met`: near the targets,
 /// where rotation errors change by the turn itself.
 void expect_rows_match_differences(Random& random, const Rig& rig, const IkOptions& options,
-                                   int* checked, bool met = false) {
-  const IkTree tree(rig, options.collision);
+                                   int* checked, bool met = false,
+                                   std::span<const Separation> apart = {}) {
+  const IkTree tree(rig, options.collision || !apart.empty());
   IkRows rows(rig, tree, options);
+  rows.keep_apart(apart);
   IkState state = tree.make_state(), moved = state;
   IkKinematics here = tree.make_kinematics(), there = here;
   std::vector<IkGoal> goals(rig.effectors.size());
@@ -413,6 +415,23 @@ TEST(Capsules, FingersStopWhereTheyTouch) {
   EXPECT_NEAR(0.5 * (a.y() + b.y()), 0.025, 1e-4);
   EXPECT_GT(report.active_rows, 0);
   EXPECT_LT(report.row_violation, 1e-4);
+}
+
+/// Directions aslant to the way between the points too: what turns must not seem to move.
+TEST(Separations, JacobiansMatchDifferences) {
+  Random random(12);
+  int checked = 0;
+  for (int trial = 0; trial < 5; ++trial) {
+    Rig rig = test::random_rig(random, 9, 3);
+    for (RigJoint& joint : rig.joints) joint.capsules = {{{0, 0, 0}, {0.1, 0, 0}, 0.01}};
+    std::vector<Separation> apart;
+    for (int i = 0; i < 4; ++i) {
+      apart.push_back({random.integer(5, 8), random.integer(1, 4), random.vector(0.3),
+                       random.vector(0.3), random.vector(1.0).normalized(), 0.1});
+    }
+    expect_rows_match_differences(random, rig, {.separations = 4}, &checked, false, apart);
+  }
+  EXPECT_GT(checked, 100);
 }
 
 TEST(Separations, PointsStayApartAlongTheirDirection) {

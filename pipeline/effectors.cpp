@@ -123,7 +123,7 @@ class Extraction {
     const std::int32_t root = to.is_body() ? to.at(Role::hips) : to.root();
     const bool moves = target_.rig.joints[row_of_[to.root()]].type == JointType::free;
     add(root, moves ? EffectorKind::pose : EffectorKind::orientation,
-        moves ? Aim::root : Aim::guessed, 4.0, 10.0, true);
+        moves ? Aim::root : Aim::guessed, 3.0, 10.0, true);
     if (to.is_body()) {
       // The pelvis is held between the hip joints, wherever the file put its root.
       track_.effectors.back().offset =
@@ -175,8 +175,8 @@ class Extraction {
     if (on(Role::leftHand) != kNoJoint) {
       add(on(Role::leftHand), EffectorKind::pose, Aim::hand, 0.9, 0.7, true, side);
     }
-    bone(on(Role::leftUpperLeg), 4.0, 0.1);
-    bone(on(Role::leftLowerLeg), 4.0, 0.1);
+    bone(on(Role::leftUpperLeg), 5.5, 0.1);
+    bone(on(Role::leftLowerLeg), 5.5, 0.1);
     if (on(Role::leftFoot) != kNoJoint) {
       add(on(Role::leftFoot), EffectorKind::pose, Aim::foot, 5.0, 3.0, true, side);
     }

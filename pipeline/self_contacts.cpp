@@ -1,9 +1,9 @@
 // Bodies of other proportions carry the source's hands into their own hips. Here they are kept out.
 //
 // Both figures are capsules (body_capsules.cpp). For a pair of parts let g(t) be the gap in the
-// solved clip and a(t) = min(scaled gap of the source, 0) the least that is asked for: hands that
-// touch go on touching, and only where the source is deeper itself may the target be. What lacks is
-// v = a - g; below 0 it is room to spare.
+// solved clip and a(t) = min(scaled gap of the source, 0) - kFleshGivesM the least that is asked
+// for: hands that touch go on touching, and only where the source is deeper itself may the target
+// be. What lacks is v = a - g; below 0 it is room to spare.
 //
 // Of limbs that run through each other the nearest way out turns over within a frame or two, and a
 // row that began to press at v > 0 would move the arm at once. So neither is used as it is. The
@@ -104,12 +104,12 @@ class Separator {
     measure_base();
     find_lack();
     figures_.measured = true;
-    figures_.before_m = lack_;
+    figures_.before_m = depth_;
     figures_.pressed.assign(std::size_t(frames_), 0);
     if (some_lack(lack_)) {
       if (auto r = push_apart(); !r) return r.error();
     }
-    figures_.left_m = lack_;
+    figures_.left_m = depth_;
     return figures_;
   }
 
@@ -162,7 +162,7 @@ class Separator {
       part_gaps(capsules, model, gaps);
       const Quaterniond turned = since_t_pose(*source_.calibration, hips, model[hips]);
       for (std::size_t k = 0; k < plans_.size(); ++k) {
-        plans_[k].allowed.push_back(std::min(scale * gaps[k].gap, 0.0));
+        plans_[k].allowed.push_back(std::min(scale * gaps[k].gap, 0.0) - kFleshGivesM);
         plans_[k].way.push_back(turned.conjugate() *
                                 (gaps[k].on_a - gaps[k].on_b).stableNormalized());
       }
@@ -202,6 +202,7 @@ class Separator {
   /// What the clip as it is lacks: of each pair, and the most of all.
   void find_lack() {
     lack_.assign(std::size_t(frames_), 0.0);
+    depth_ = lack_;
     lack_of_.assign(plans_.size(), lack_);
     std::vector<DualQuaternion> model(rows_);
     std::vector<PartGap> gaps(plans_.size());
@@ -211,6 +212,7 @@ class Separator {
       for (std::size_t k = 0; k < plans_.size(); ++k) {
         lack_of_[k][f] = std::max(0.0, plans_[k].allowed[f] - gaps[k].gap);
         lack_[f] = std::max(lack_[f], lack_of_[k][f]);
+        depth_[f] = std::max(depth_[f], plans_[k].allowed[f] + kFleshGivesM - gaps[k].gap);
       }
     }
   }
@@ -348,6 +350,7 @@ class Separator {
   std::vector<PartCapsule> capsules_;  // their joints are rows
   std::vector<PairPlan> plans_;        // [part_pairs()]
   std::vector<double> lack_;           // [frame] m
+  std::vector<double> depth_;          // [frame] m, beyond the source's
   std::vector<std::vector<double>> lack_of_;
   SelfContactFigures figures_;
 };

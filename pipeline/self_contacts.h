@@ -8,6 +8,9 @@
 
 namespace limber {
 
+/// Deeper by this much is not yet a fault, m: flesh gives way, and capsules are no truer than that.
+inline constexpr double kFleshGivesM = 0.005;
+
 /// How a clip was kept from passing through its own body. Depths count beyond those that the source
 /// itself has in the same frame, scaled to the target's girth.
 struct SelfContactFigures {
@@ -20,9 +23,9 @@ struct SelfContactFigures {
 };
 
 /// Pushes hands and forearms out of torso, head, thighs and the other arm, wherever they are deeper
-/// in them than the source's are (see self_contacts.cpp). `clip` holds the solved motion on the
-/// rows of `rig`, whose effectors are the track's; frames without anything to push stay as they are
-/// to the bit, and joints stay within their limits.
+/// in them than the source's are, by more than flesh gives (see self_contacts.cpp). `clip` holds
+/// the solved motion on the rows of `rig`, whose effectors are the track's; frames without anything
+/// to push stay as they are to the bit, and joints stay within their limits.
 Result<SelfContactFigures> keep_parts_apart(const SourceMotion&, const Target&, const Rig&,
                                             const EffectorTrack&, Clip& clip);
 

@@ -17,8 +17,8 @@ constexpr double kRate = 60.0;
 constexpr std::int64_t kStands = 60, kLifts = 30;  // frames
 constexpr double kPitch = 4.0 * std::numbers::pi / 180.0;
 
-/// Stands for a second, its toes a little up as recorded feet have them, swings 30 cm high and 60 cm
-/// far, and stands again.
+/// Stands for a second, its toes a little up as recorded feet have them, swings 30 cm high and 60
+/// cm far, and stands again.
 FootPath step() {
   FootPath path;
   path.rate_hz = kRate;

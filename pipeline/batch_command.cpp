@@ -108,12 +108,17 @@ std::vector<ClipSummary> run_one(const Prepared& batch, std::size_t item, const 
   const BatchTarget& aim = batch.job.targets[batch.plan.target(item)];
   JobOptions options = options_for(batch, aim);
   options.output = folder;
+  options.limits = batch.job.caps;
   options.import.on_reference = [&](const fs::path& path) { read.push_back(path.string()); };
   auto target_import = target_options(options);
   if (target_import) target_import->import.on_reference = options.import.on_reference;
   const auto target =
       target_import ? load_target(aim.path, *target_import) : Result<Target>(target_import.error());
-  if (target) return run_source(source.path, source.stem, *target, options);
+  if (target) {
+    auto clips = run_source(source.path, source.stem, *target, options);
+    remove_temporaries(folder);  // of clips whose processes died
+    return clips;
+  }
   // It has been read once, so it changed while the batch ran.
   return {record_death(source.path, source.stem, label_of(aim.path), target.error(), options)};
 }

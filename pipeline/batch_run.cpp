@@ -252,10 +252,6 @@ class BatchRun {
     return std::move(*record);
   }
 
-  static bool worth_another_try(const Error& error) {
-    return error.code == "process-crashed" || error.code == "process-failed";
-  }
-
   Result<BatchRecord> bury(std::size_t item, fs::path folder, const Error& error) {
     if (error.code == "sandbox-unavailable") return error;
     std::error_code failed;

@@ -42,6 +42,15 @@ void write_all(int fd, const std::string& text) {
   }
 }
 
+/// Of this process, where it is isolated.
+int g_answer_fd = -1;
+
+/// An answer is JSON or a number, before which blank lines mean nothing: each begins a part.
+constexpr const char* kNewPart = "\n";
+
+/// A part that is ended for its time has its own end told by the process that waits for it.
+constexpr std::chrono::seconds kToTellOfAPart{5};
+
 constexpr int kExitNoJail = 3;
 constexpr int kExitNoMemory = 4;
 constexpr int kExitThrown = 5;
@@ -67,7 +76,7 @@ bool confine(const Isolation& isolation) {
 [[noreturn]] void child_main(int answer_fd, const std::function<std::string()>& work,
                              const Isolation& isolation) {
   ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-  answer_fd = keep_only(answer_fd);
+  g_answer_fd = answer_fd = keep_only(answer_fd);
   if (!confine(isolation)) ::_exit(kExitNoJail);
   int code = 0;
   try {
@@ -180,6 +189,41 @@ Result<std::string> run_isolated(const std::function<std::string()>& work,
   auto child = start_isolated(work, isolation);
   if (!child) return child.error();
   return finish_isolated(std::move(*child));
+}
+
+bool hear(IsolatedChild& child) {
+  std::array<char, 65536> buffer;
+  while (child.answer.size() <= child.limits.answer_bytes) {
+    const ssize_t n = ::read(child.answer_fd, buffer.data(), buffer.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) return errno != EAGAIN;
+    if (n == 0) return true;
+    child.answer.append(buffer.data(), static_cast<std::size_t>(n));
+    if (child.answer.find_first_not_of(kNewPart) == std::string::npos) {
+      child.deadline = std::chrono::steady_clock::now() + kToTellOfAPart +
+                       std::chrono::seconds(child.limits.wall_seconds);
+    }
+  }
+  return true;
+}
+
+void begin_part() {
+  if (g_answer_fd >= 0) write_all(g_answer_fd, kNewPart);
+}
+
+Result<std::string> run_part(const std::function<std::string()>& work,
+                             const IsolationLimits& limits) {
+  constexpr int kAttempts = 2;
+  for (int attempt = 1;; ++attempt) {
+    begin_part();
+    // What confines this process confines its children too.
+    auto answer = run_isolated(work, {.sandbox = SandboxMode::off, .limits = limits});
+    if (answer || attempt == kAttempts || !worth_another_try(answer.error())) return answer;
+  }
+}
+
+bool worth_another_try(const Error& error) {
+  return error.code == "process-crashed" || error.code == "process-failed";
 }
 
 bool sandbox_available() {

@@ -7,7 +7,6 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <thread>
 #include <utility>
@@ -60,19 +59,6 @@ Result<void> ProcessPool::start(std::size_t task, const std::function<std::strin
   return {};
 }
 
-/// True at the end of the answer, or where it is longer than it may be.
-bool ProcessPool::read_some(IsolatedChild& child) {
-  std::array<char, 65536> buffer;
-  while (child.answer.size() <= child.limits.answer_bytes) {
-    const ssize_t n = ::read(child.answer_fd, buffer.data(), buffer.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) return errno != EAGAIN;
-    if (n == 0) return true;
-    child.answer.append(buffer.data(), static_cast<std::size_t>(n));
-  }
-  return true;
-}
-
 ProcessPool::Ended ProcessPool::finish(std::size_t k) {
   Running running = std::move(running_[k]);
   running_.erase(running_.begin() + static_cast<std::ptrdiff_t>(k));
@@ -107,7 +93,7 @@ std::optional<ProcessPool::Ended> ProcessPool::wait(const sigset_t* unblocked) {
     if (ready < 0 && errno == EINTR) return std::nullopt;
     const auto now = Clock::now();
     for (std::size_t k = 0; k < waits.size(); ++k) {
-      const bool ended = waits[k].revents != 0 && read_some(running_[k].child);
+      const bool ended = waits[k].revents != 0 && hear(running_[k].child);
       if (ended || now >= running_[k].child.deadline) return finish(k);
     }
   }

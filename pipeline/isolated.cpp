@@ -73,9 +73,10 @@ bool confine(const Isolation& isolation) {
   return holds.complete() || isolation.sandbox == SandboxMode::automatic;
 }
 
-[[noreturn]] void child_main(int answer_fd, const std::function<std::string()>& work,
+[[noreturn]] void child_main(pid_t parent, int answer_fd, const std::function<std::string()>& work,
                              const Isolation& isolation) {
   ::prctl(PR_SET_PDEATHSIG, SIGKILL);
+  if (::getppid() != parent) ::_exit(1);  // it died before the child asked to die with it
   g_answer_fd = answer_fd = keep_only(answer_fd);
   if (!confine(isolation)) ::_exit(kExitNoJail);
   int code = 0;
@@ -105,7 +106,12 @@ Error died(int status) {
     const int signal = WTERMSIG(status);
     const std::string message =
         fmt::format("the clip's process was ended by {}", ::strsignal(signal));
-    if (signal == SIGXCPU || signal == SIGXFSZ || signal == SIGKILL) return over_limit(message);
+    if (signal == SIGXCPU || signal == SIGXFSZ) return over_limit(message);
+    if (signal == SIGKILL) {  // which no limit sends first: most likely the system's memory ran out
+      return Error{.code = "process-crashed",
+                   .message = "the clip's process was killed from outside",
+                   .hint = "where memory ran out, use fewer processes (-j)"};
+    }
     return Error{.code = "process-crashed",
                  .message = message,
                  .hint = "the file breaks its reader; re-export it"};
@@ -158,6 +164,7 @@ Result<IsolatedChild> start_isolated(const std::function<std::string()>& work,
     return Error{.code = "process-failed", .message = std::strerror(errno)};
   }
   std::fflush(nullptr);
+  const pid_t parent = ::getpid();
   const pid_t pid = ::fork();
   if (pid < 0) {
     const int error = errno;
@@ -165,7 +172,7 @@ Result<IsolatedChild> start_isolated(const std::function<std::string()>& work,
     ::close(ends[1]);
     return Error{.code = "process-failed", .message = std::strerror(error)};
   }
-  if (pid == 0) child_main(ends[1], work, isolation);
+  if (pid == 0) child_main(parent, ends[1], work, isolation);
   ::close(ends[1]);
   const auto deadline =
       std::chrono::steady_clock::now() + std::chrono::seconds(isolation.limits.wall_seconds);

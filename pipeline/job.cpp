@@ -421,9 +421,9 @@ std::vector<std::string> output_names(const Source& source, const std::vector<co
 /// A clip of several, in a process of its own.
 ClipSummary run_apart(const Source& source, const Clip& clip, const std::string& name,
                       const Target& target, const JobOptions& options) {
-  const auto answer = run_part(
-      [&] { return to_json({ClipJob(source, clip, name, target, options).run()}); },
-      options.limits);
+  const auto answer =
+      run_part([&] { return to_json({ClipJob(source, clip, name, target, options).run()}); },
+               options.limits);
   std::vector<ClipSummary> summaries;
   if (answer) summaries = summaries_from_json(*answer);
   if (summaries.size() == 1) return std::move(summaries.front());

@@ -3,8 +3,6 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <poll.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cerrno>
@@ -15,9 +13,7 @@ namespace limber {
 namespace {
 
 /// What every child does before its task.
-void settle_child(pid_t parent) {
-  // The parent may have died before the child asked to die with it (prctl(2), PR_SET_PDEATHSIG).
-  if (::getppid() != parent) ::_exit(1);
+void settle_child() {
   std::signal(SIGINT, SIG_IGN);
   std::signal(SIGTERM, SIG_IGN);
   std::signal(SIGHUP, SIG_IGN);
@@ -25,16 +21,6 @@ void settle_child(pid_t parent) {
   sigset_t none;
   sigemptyset(&none);
   ::sigprocmask(SIG_SETMASK, &none, nullptr);
-}
-
-/// Whether SIGKILL ended a child, which no limit of its own does (setrlimit(2)): most likely the
-/// system ran out of memory. Waits for the child and leaves it to be reaped.
-bool was_killed(pid_t pid) {
-  siginfo_t info{};
-  while (::waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOWAIT) != 0) {
-    if (errno != EINTR) return false;
-  }
-  return info.si_code == CLD_KILLED && info.si_status == SIGKILL;
 }
 
 }  // namespace
@@ -46,10 +32,9 @@ int processes_or_cores(int processes) {
 
 Result<void> ProcessPool::start(std::size_t task, const std::function<std::string()>& work,
                                 const JailRules& may) {
-  const pid_t parent = ::getpid();
   auto child = start_isolated(
       [&] {
-        settle_child(parent);
+        settle_child();
         return work();
       },
       {.may = may, .sandbox = options_.sandbox, .limits = options_.limits});
@@ -62,18 +47,9 @@ Result<void> ProcessPool::start(std::size_t task, const std::function<std::strin
 ProcessPool::Ended ProcessPool::finish(std::size_t k) {
   Running running = std::move(running_[k]);
   running_.erase(running_.begin() + static_cast<std::ptrdiff_t>(k));
-  IsolatedChild& child = running.child;
-  const bool within_limits =
-      Clock::now() < child.deadline && child.answer.size() <= child.limits.answer_bytes;
-  const bool killed = within_limits && was_killed(child.pid);
-  ::fcntl(child.answer_fd, F_SETFL, 0);
-  auto answer = finish_isolated(std::move(child));
+  ::fcntl(running.child.answer_fd, F_SETFL, 0);
+  auto answer = finish_isolated(std::move(running.child));
   const double seconds = std::chrono::duration<double>(Clock::now() - running.start).count();
-  if (killed) {
-    answer = Error{.code = "process-crashed",
-                   .message = "the clip's process was killed from outside",
-                   .hint = "where memory ran out, use fewer processes (-j)"};
-  }
   return {running.task, std::move(answer), seconds};
 }
 

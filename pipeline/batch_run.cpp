@@ -317,6 +317,7 @@ class BatchRun {
     out_.gates_missed += clip.status == Status::fail && clip.code == "gate-missed";
     ClipSummary shown = clip;
     shown.stem = plan_.source(item).folder + clip.stem;
+    if (observer_.counted) observer_.counted(shown);
     auto& worst = out_.worst;
     worst.insert(std::upper_bound(worst.begin(), worst.end(), shown, is_worse), shown);
     if (worst.size() > kWorstShown) worst.pop_back();

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -11,6 +12,7 @@
 #include "pipeline/batch_run.h"
 #include "pipeline/commands.h"
 #include "pipeline/file_io.h"
+#include "pipeline/junit.h"
 #include "pipeline/progress.h"
 #include "pipeline/target_check.h"
 #include "pipeline/version.h"
@@ -108,12 +110,17 @@ std::vector<ClipSummary> run_one(const Prepared& batch, std::size_t item, const 
   const BatchTarget& aim = batch.job.targets[batch.plan.target(item)];
   JobOptions options = options_for(batch, aim);
   options.output = folder;
+  options.limits = batch.job.caps;
   options.import.on_reference = [&](const fs::path& path) { read.push_back(path.string()); };
   auto target_import = target_options(options);
   if (target_import) target_import->import.on_reference = options.import.on_reference;
   const auto target =
       target_import ? load_target(aim.path, *target_import) : Result<Target>(target_import.error());
-  if (target) return run_source(source.path, source.stem, *target, options);
+  if (target) {
+    auto clips = run_source(source.path, source.stem, *target, options);
+    remove_temporaries(folder);  // of clips whose processes died
+    return clips;
+  }
   // It has been read once, so it changed while the batch ran.
   return {record_death(source.path, source.stem, label_of(aim.path), target.error(), options)};
 }
@@ -220,6 +227,14 @@ void print_outcome(const BatchOutcome& outcome, const Prepared& batch, const Bat
   print_event(event);
 }
 
+/// The verdicts of all clips, those of earlier runs included, by name.
+Result<void> write_junit(const fs::path& path, std::vector<ClipSummary> clips,
+                         const std::string& suite) {
+  std::sort(clips.begin(), clips.end(),
+            [](const ClipSummary& a, const ClipSummary& b) { return a.stem < b.stem; });
+  return write_whole(path, junit_xml(clips, suite));
+}
+
 /// Every path that would be written, where no clip fails; a source of several clips gets its files
 /// once per clip.
 int list_outputs(const Prepared& batch, bool as_json) {
@@ -256,6 +271,7 @@ int told(const Error& error, const BatchArgs& args) {
 }  // namespace
 
 int batch_command(const BatchArgs& args) {
+  const fs::path junit = args.junit.empty() ? fs::path() : fs::absolute(args.junit);
   const auto batch = prepare(args);
   if (!batch) return told(batch.error(), args);
   fmt::print(stderr, "{} sources x {} targets\n", batch->plan.sources.size(),
@@ -275,11 +291,18 @@ int batch_command(const BatchArgs& args) {
                                 .sandbox = batch->options.sandbox,
                                 .limits = batch->job.caps}};
   std::optional<Progress> progress;
-  const BatchOutcome outcome =
-      run_batch(batch->plan, work, *tree, options, observer_of(progress, args.json));
+  BatchObserver observer = observer_of(progress, args.json);
+  std::vector<ClipSummary> clips;
+  if (!junit.empty()) observer.counted = [&](const ClipSummary& clip) { clips.push_back(clip); };
+  const BatchOutcome outcome = run_batch(batch->plan, work, *tree, options, observer);
   if (progress) progress->close();
   print_outcome(outcome, *batch, args);
   if (outcome.stopped) print_error(*outcome.stopped);
+  if (!junit.empty()) {
+    if (auto r = write_junit(junit, std::move(clips), args.job.stem().string()); !r) {
+      return told(r.error(), args);
+    }
+  }
   return exit_code_of(outcome);
 }
 

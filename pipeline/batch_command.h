@@ -14,7 +14,8 @@ struct BatchArgs {
   int processes = 0;  ///< 0: one per core
   std::string shard = "1/1";
   bool resume = false, verify = false, retry_failed = false, dry_run = false;
-  bool json = false;  ///< events on standard output, one JSON document a line
+  std::filesystem::path junit;  ///< write the verdicts here; empty: nowhere
+  bool json = false;            ///< events on standard output, one JSON document a line
   /// What flags of `limber retarget` mean.
   std::function<Result<JobOptions>(const std::vector<std::string>& flags)> parse_flags;
 };

@@ -252,10 +252,6 @@ class BatchRun {
     return std::move(*record);
   }
 
-  static bool worth_another_try(const Error& error) {
-    return error.code == "process-crashed" || error.code == "process-failed";
-  }
-
   Result<BatchRecord> bury(std::size_t item, fs::path folder, const Error& error) {
     if (error.code == "sandbox-unavailable") return error;
     std::error_code failed;
@@ -321,6 +317,7 @@ class BatchRun {
     out_.gates_missed += clip.status == Status::fail && clip.code == "gate-missed";
     ClipSummary shown = clip;
     shown.stem = plan_.source(item).folder + clip.stem;
+    if (observer_.counted) observer_.counted(shown);
     auto& worst = out_.worst;
     worst.insert(std::upper_bound(worst.begin(), worst.end(), shown, is_worse), shown);
     if (worst.size() > kWorstShown) worst.pop_back();

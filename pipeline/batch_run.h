@@ -54,6 +54,8 @@ struct BatchOutcome {
 struct BatchObserver {
   std::function<void(std::size_t items, std::size_t resumed)> started;
   std::function<void(const BatchRecord&)> finished;
+  /// Every clip that the outcome counts, its stem with its folder; in no certain order.
+  std::function<void(const ClipSummary&)> counted;
   std::function<void(const std::string& item, const Error&)> retried;
   std::function<void(std::size_t running)> draining;
 };

@@ -344,31 +344,16 @@ int sheet_command(const SheetArgs& args) {
   return failed ? kSomeFailed : kAllPassed;
 }
 
-int doctor_command(bool as_json) {
-  json out{{"version", kVersion},
-           {"sandbox", sandbox_level()},
-           {"readable", readable_extensions()},
-           {"writable", {"glb", "bvh"}},
-           {"rigs", shipped_rig_names()},
-           {"conventions", embedded_files("conventions/").size()}};
-  if (as_json) {
-    fmt::print("{}\n", dump(out));
+int explain_command(const std::string& code) {
+  if (code.empty()) {
+    for (const CodeInfo& info : all_codes()) fmt::print("{:30} {}\n", info.code, info.meaning);
     return kAllPassed;
   }
-  fmt::print("Limber {}\n  clips run in: {}\n  reads:", kVersion, sandbox_level());
-  for (const std::string& extension : readable_extensions()) fmt::print(" {}", extension);
-  fmt::print("\n  rigs:");
-  for (const std::string& rig : shipped_rig_names()) fmt::print(" {}", rig);
-  fmt::print("\n");
-  return kAllPassed;
-}
-
-int explain_command(const std::string& code) {
   const CodeInfo* info = find_code(code);
   if (info == nullptr) {
     print_error({.code = "code-unknown",
                  .message = "'" + code + "' is no code of Limber",
-                 .hint = "codes look like bvh-syntax; see the report's errors and warnings"});
+                 .hint = "`limber explain` lists them all"});
     return kUsage;
   }
   fmt::print("{}\n  {}\n  {}\n", info->code, info->meaning, info->way_out);

@@ -75,7 +75,7 @@ struct ValidateArgs {
 };
 int validate_command(const ValidateArgs&);
 
-int doctor_command(bool json);
+/// Without a code: all of them, a line each.
 int explain_command(const std::string& code);
 
 /// A command that parses files of strangers runs in a jailed process and prints from there.

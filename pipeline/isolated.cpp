@@ -42,6 +42,15 @@ void write_all(int fd, const std::string& text) {
   }
 }
 
+/// Of this process, where it is isolated.
+int g_answer_fd = -1;
+
+/// An answer is JSON or a number, before which blank lines mean nothing: each begins a part.
+constexpr const char* kNewPart = "\n";
+
+/// A part that is ended for its time has its own end told by the process that waits for it.
+constexpr std::chrono::seconds kToTellOfAPart{5};
+
 constexpr int kExitNoJail = 3;
 constexpr int kExitNoMemory = 4;
 constexpr int kExitThrown = 5;
@@ -64,10 +73,11 @@ bool confine(const Isolation& isolation) {
   return holds.complete() || isolation.sandbox == SandboxMode::automatic;
 }
 
-[[noreturn]] void child_main(int answer_fd, const std::function<std::string()>& work,
+[[noreturn]] void child_main(pid_t parent, int answer_fd, const std::function<std::string()>& work,
                              const Isolation& isolation) {
   ::prctl(PR_SET_PDEATHSIG, SIGKILL);
-  answer_fd = keep_only(answer_fd);
+  if (::getppid() != parent) ::_exit(1);  // it died before the child asked to die with it
+  g_answer_fd = answer_fd = keep_only(answer_fd);
   if (!confine(isolation)) ::_exit(kExitNoJail);
   int code = 0;
   try {
@@ -96,7 +106,12 @@ Error died(int status) {
     const int signal = WTERMSIG(status);
     const std::string message =
         fmt::format("the clip's process was ended by {}", ::strsignal(signal));
-    if (signal == SIGXCPU || signal == SIGXFSZ || signal == SIGKILL) return over_limit(message);
+    if (signal == SIGXCPU || signal == SIGXFSZ) return over_limit(message);
+    if (signal == SIGKILL) {  // which no limit sends first: most likely the system's memory ran out
+      return Error{.code = "process-crashed",
+                   .message = "the clip's process was killed from outside",
+                   .hint = "where memory ran out, use fewer processes (-j)"};
+    }
     return Error{.code = "process-crashed",
                  .message = message,
                  .hint = "the file breaks its reader; re-export it"};
@@ -149,6 +164,7 @@ Result<IsolatedChild> start_isolated(const std::function<std::string()>& work,
     return Error{.code = "process-failed", .message = std::strerror(errno)};
   }
   std::fflush(nullptr);
+  const pid_t parent = ::getpid();
   const pid_t pid = ::fork();
   if (pid < 0) {
     const int error = errno;
@@ -156,7 +172,7 @@ Result<IsolatedChild> start_isolated(const std::function<std::string()>& work,
     ::close(ends[1]);
     return Error{.code = "process-failed", .message = std::strerror(error)};
   }
-  if (pid == 0) child_main(ends[1], work, isolation);
+  if (pid == 0) child_main(parent, ends[1], work, isolation);
   ::close(ends[1]);
   const auto deadline =
       std::chrono::steady_clock::now() + std::chrono::seconds(isolation.limits.wall_seconds);
@@ -180,6 +196,41 @@ Result<std::string> run_isolated(const std::function<std::string()>& work,
   auto child = start_isolated(work, isolation);
   if (!child) return child.error();
   return finish_isolated(std::move(*child));
+}
+
+bool hear(IsolatedChild& child) {
+  std::array<char, 65536> buffer;
+  while (child.answer.size() <= child.limits.answer_bytes) {
+    const ssize_t n = ::read(child.answer_fd, buffer.data(), buffer.size());
+    if (n < 0 && errno == EINTR) continue;
+    if (n < 0) return errno != EAGAIN;
+    if (n == 0) return true;
+    child.answer.append(buffer.data(), static_cast<std::size_t>(n));
+    if (child.answer.find_first_not_of(kNewPart) == std::string::npos) {
+      child.deadline = std::chrono::steady_clock::now() + kToTellOfAPart +
+                       std::chrono::seconds(child.limits.wall_seconds);
+    }
+  }
+  return true;
+}
+
+void begin_part() {
+  if (g_answer_fd >= 0) write_all(g_answer_fd, kNewPart);
+}
+
+Result<std::string> run_part(const std::function<std::string()>& work,
+                             const IsolationLimits& limits) {
+  constexpr int kAttempts = 2;
+  for (int attempt = 1;; ++attempt) {
+    begin_part();
+    // What confines this process confines its children too.
+    auto answer = run_isolated(work, {.sandbox = SandboxMode::off, .limits = limits});
+    if (answer || attempt == kAttempts || !worth_another_try(answer.error())) return answer;
+  }
+}
+
+bool worth_another_try(const Error& error) {
+  return error.code == "process-crashed" || error.code == "process-failed";
 }
 
 bool sandbox_available() {

@@ -50,6 +50,21 @@ struct IsolatedChild {
 Result<IsolatedChild> start_isolated(const std::function<std::string()>& work, const Isolation&);
 /// Waits for the child, at most until its deadline, and collects its answer.
 Result<std::string> finish_isolated(IsolatedChild);
+/// Takes what the child has said so far into its answer and heeds begin_part(). For an end that
+/// does not block; true where there is nothing more to come, or more than may be.
+bool hear(IsolatedChild&);
+
+/// Called in an isolated process whose work has parts that may each take the whole wall time, such
+/// as the clips of a file: the time counts anew from here. It is heard by hear(); elsewhere, and
+/// once the answer has begun, it does nothing.
+void begin_part();
+
+/// Runs a part of an isolated process's work in a process of its own, within the same jail; a crash
+/// is tried once more. Errors: those of run_isolated.
+Result<std::string> run_part(const std::function<std::string()>& work, const IsolationLimits&);
+
+/// Whether another try may end otherwise: after a crash, not after a broken limit.
+bool worth_another_try(const Error&);
 
 /// What confines a child here, in words.
 std::string sandbox_level();

@@ -370,11 +370,12 @@ void remove_outputs(const fs::path& folder, const std::string& stem) {
 }
 
 ClipSummary refuse(const std::string& path, const std::string& stem, const Target* target,
-                   const Error& error, const JobOptions& options) {
+                   const Error& error, const JobOptions& options, const std::string& clip = "") {
   remove_outputs(options.output, stem);
   ClipRecord record;
   record.status = Status::fail;
   record.source_path = path;
+  record.source_clip = clip;
   record.target = target;
   record.errors.push_back(in_file(error, path));
   Result<void> written;
@@ -389,12 +390,47 @@ ClipSummary refuse(const std::string& path, const std::string& stem, const Targe
     written = write_whole(options.output / (stem + ".report.json"), report_json(record));
   }
   return {.source = path,
-          .clip = "",
+          .clip = clip,
           .stem = stem,
           .status = Status::fail,
           .code = error.code,
           .message = error.message,
           .unwritten = written ? "" : written.error().message};
+}
+
+/// Names of the clips' outputs, "walk@hero" or "walk#CLIP@hero", whatever a file system thinks of
+/// case.
+std::vector<std::string> output_names(const Source& source, const std::vector<const Clip*>& clips,
+                                      const std::string& stem, const Target& target) {
+  std::vector<std::string> names;
+  std::set<std::string> used;
+  for (const Clip* clip : clips) {
+    std::string name = stem;
+    if (source.imported.clips.size() > 1) {
+      name += "#" + safe_name(clip->name);
+      const std::string base = name;
+      for (int k = 2; !used.insert(case_folded(name)).second; ++k) {
+        name = fmt::format("{}-{}", base, k);
+      }
+    }
+    names.push_back(name + "@" + safe_name(target.label));
+  }
+  return names;
+}
+
+/// A clip of several, in a process of its own.
+ClipSummary run_apart(const Source& source, const Clip& clip, const std::string& name,
+                      const Target& target, const JobOptions& options) {
+  const auto answer =
+      run_part([&] { return to_json({ClipJob(source, clip, name, target, options).run()}); },
+               options.limits);
+  std::vector<ClipSummary> summaries;
+  if (answer) summaries = summaries_from_json(*answer);
+  if (summaries.size() == 1) return std::move(summaries.front());
+  const Error error =
+      answer ? Error{.code = "process-failed", .message = "the clip's process gave no answer"}
+             : answer.error();
+  return refuse(source.path, name, &target, error, options, clip.name);
 }
 
 }  // namespace
@@ -418,20 +454,14 @@ std::vector<ClipSummary> run_source(const std::string& source_path, const std::s
   if (!source) return {refuse(source_path, plain, &target, source.error(), options)};
   auto clips = chosen_clips(source->imported, options);
   if (!clips) return {refuse(source_path, plain, &target, clips.error(), options)};
+  const std::vector<std::string> names = output_names(*source, *clips, stem, target);
+  for (const std::string& name : names) remove_outputs(options.output, name);
+  if (clips->size() == 1) {
+    return {ClipJob(*source, *clips->front(), names.front(), target, options).run()};
+  }
   std::vector<ClipSummary> out;
-  std::set<std::string> used;
-  for (const Clip* clip : *clips) {
-    std::string name = stem;
-    if (source->imported.clips.size() > 1) {
-      name += "#" + safe_name(clip->name);
-      const std::string base = name;
-      for (int k = 2; !used.insert(case_folded(name)).second; ++k) {
-        name = fmt::format("{}-{}", base, k);
-      }
-    }
-    name += "@" + safe_name(target.label);
-    remove_outputs(options.output, name);
-    out.push_back(ClipJob(*source, *clip, name, target, options).run());
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    out.push_back(run_apart(*source, *(*clips)[i], names[i], target, options));
   }
   return out;
 }

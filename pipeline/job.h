@@ -24,6 +24,7 @@ struct JobOptions {
   std::filesystem::path output;
   std::optional<std::filesystem::path> map;
   SandboxMode sandbox = SandboxMode::automatic;
+  IsolationLimits limits = {};  ///< of each clip, where a source holds several
   std::optional<Gates> gates;
 };
 
@@ -42,6 +43,8 @@ struct ClipSummary {
 
 /// Retargets every clip of one source (or the one that is named) and writes files, sheet and report
 /// for each. `stem` is the source's part of the output names. A refused source gets a report alone.
+/// To be called in a process of the source's own. Of several clips each gets a process too, so that
+/// limits hold for a clip, however many there are, and one that dies leaves the others standing.
 std::vector<ClipSummary> run_source(const std::string& source_path, const std::string& stem,
                                     const Target&, const JobOptions&);
 

@@ -10,6 +10,7 @@
 #include "pipeline/batch_command.h"
 #include "pipeline/bench_command.h"
 #include "pipeline/commands.h"
+#include "pipeline/doctor.h"
 #include "pipeline/pose_command.h"
 #include "pipeline/report_command.h"
 #include "pipeline/version.h"
@@ -245,6 +246,7 @@ class Program {
     c->add_flag("--resume", batch_.resume, "leave out what is finished and has not changed");
     c->add_flag("--verify", batch_.verify, "resume, but read every input and output again");
     c->add_flag("--retry-failed", batch_.retry_failed, "resume, and run failed clips again");
+    c->add_option("--junit", batch_.junit, "write the clips' verdicts here (JUnit XML)");
     c->add_flag("--dry-run", batch_.dry_run, "list every output and stop");
     c->add_flag("--json", batch_.json, "events on standard output, one JSON document a line");
     c->callback([this] {
@@ -327,7 +329,7 @@ class Program {
     c->add_flag("--json", doctor_json_);
     c->callback([this] { code_ = doctor_command(doctor_json_); });
     auto* e = app_.add_subcommand("explain", "what an error or warning code means");
-    e->add_option("code", explain_)->required();
+    e->add_option("code", explain_, "none: list all codes");
     e->callback([this] { code_ = explain_command(explain_); });
   }
 

@@ -3,11 +3,8 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <poll.h>
-#include <sys/wait.h>
-#include <unistd.h>
 
 #include <algorithm>
-#include <array>
 #include <cerrno>
 #include <thread>
 #include <utility>
@@ -16,9 +13,7 @@ namespace limber {
 namespace {
 
 /// What every child does before its task.
-void settle_child(pid_t parent) {
-  // The parent may have died before the child asked to die with it (prctl(2), PR_SET_PDEATHSIG).
-  if (::getppid() != parent) ::_exit(1);
+void settle_child() {
   std::signal(SIGINT, SIG_IGN);
   std::signal(SIGTERM, SIG_IGN);
   std::signal(SIGHUP, SIG_IGN);
@@ -26,16 +21,6 @@ void settle_child(pid_t parent) {
   sigset_t none;
   sigemptyset(&none);
   ::sigprocmask(SIG_SETMASK, &none, nullptr);
-}
-
-/// Whether SIGKILL ended a child, which no limit of its own does (setrlimit(2)): most likely the
-/// system ran out of memory. Waits for the child and leaves it to be reaped.
-bool was_killed(pid_t pid) {
-  siginfo_t info{};
-  while (::waitid(P_PID, static_cast<id_t>(pid), &info, WEXITED | WNOWAIT) != 0) {
-    if (errno != EINTR) return false;
-  }
-  return info.si_code == CLD_KILLED && info.si_status == SIGKILL;
 }
 
 }  // namespace
@@ -47,10 +32,9 @@ int processes_or_cores(int processes) {
 
 Result<void> ProcessPool::start(std::size_t task, const std::function<std::string()>& work,
                                 const JailRules& may) {
-  const pid_t parent = ::getpid();
   auto child = start_isolated(
       [&] {
-        settle_child(parent);
+        settle_child();
         return work();
       },
       {.may = may, .sandbox = options_.sandbox, .limits = options_.limits});
@@ -60,34 +44,12 @@ Result<void> ProcessPool::start(std::size_t task, const std::function<std::strin
   return {};
 }
 
-/// True at the end of the answer, or where it is longer than it may be.
-bool ProcessPool::read_some(IsolatedChild& child) {
-  std::array<char, 65536> buffer;
-  while (child.answer.size() <= child.limits.answer_bytes) {
-    const ssize_t n = ::read(child.answer_fd, buffer.data(), buffer.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n < 0) return errno != EAGAIN;
-    if (n == 0) return true;
-    child.answer.append(buffer.data(), static_cast<std::size_t>(n));
-  }
-  return true;
-}
-
 ProcessPool::Ended ProcessPool::finish(std::size_t k) {
   Running running = std::move(running_[k]);
   running_.erase(running_.begin() + static_cast<std::ptrdiff_t>(k));
-  IsolatedChild& child = running.child;
-  const bool within_limits =
-      Clock::now() < child.deadline && child.answer.size() <= child.limits.answer_bytes;
-  const bool killed = within_limits && was_killed(child.pid);
-  ::fcntl(child.answer_fd, F_SETFL, 0);
-  auto answer = finish_isolated(std::move(child));
+  ::fcntl(running.child.answer_fd, F_SETFL, 0);
+  auto answer = finish_isolated(std::move(running.child));
   const double seconds = std::chrono::duration<double>(Clock::now() - running.start).count();
-  if (killed) {
-    answer = Error{.code = "process-crashed",
-                   .message = "the clip's process was killed from outside",
-                   .hint = "where memory ran out, use fewer processes (-j)"};
-  }
   return {running.task, std::move(answer), seconds};
 }
 
@@ -107,7 +69,7 @@ std::optional<ProcessPool::Ended> ProcessPool::wait(const sigset_t* unblocked) {
     if (ready < 0 && errno == EINTR) return std::nullopt;
     const auto now = Clock::now();
     for (std::size_t k = 0; k < waits.size(); ++k) {
-      const bool ended = waits[k].revents != 0 && read_some(running_[k].child);
+      const bool ended = waits[k].revents != 0 && hear(running_[k].child);
       if (ended || now >= running_[k].child.deadline) return finish(k);
     }
   }

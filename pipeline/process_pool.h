@@ -56,7 +56,6 @@ class ProcessPool {
     IsolatedChild child;
     Clock::time_point start;
   };
-  static bool read_some(IsolatedChild&);
   Ended finish(std::size_t k);
 
   Options options_;

@@ -4,6 +4,7 @@
 
 #include <cstring>
 #include <nlohmann/json.hpp>
+#include <pugixml.hpp>
 #include <set>
 
 #include "tests/pipeline/batch_ground.h"
@@ -136,6 +137,74 @@ TEST(BatchProgram, FaultsOfTheCallerEndItBeforeWork) {
   ground.clear();
   write_text(ground.out(), "a file where the folder should be");
   EXPECT_EQ(ground.run(), 3);
+}
+
+/// The animations of a GLB that limber wrote, each once more under the name "again", so that it
+/// holds several clips.
+void repeat_clips(const fs::path& from, const fs::path& to) {
+  const std::string glb = text_of(from);
+  std::uint32_t json_bytes = 0;
+  std::memcpy(&json_bytes, glb.data() + 12, 4);
+  json document = json::parse(glb.substr(20, json_bytes));
+  json again = document["animations"][0];
+  again["name"] = "again";
+  document["animations"].push_back(again);
+  std::string text = document.dump();
+  text.resize((text.size() + 3) / 4 * 4, ' ');
+  std::string out = glb.substr(0, 20) + text + glb.substr(20 + json_bytes);
+  const auto whole = static_cast<std::uint32_t>(out.size());
+  const auto part = static_cast<std::uint32_t>(text.size());
+  std::memcpy(out.data() + 8, &whole, 4);
+  std::memcpy(out.data() + 12, &part, 4);
+  write_text(to, out);
+}
+
+TEST(BatchProgram, AClipOfSeveralComesOutAsIfItWereAlone) {
+  const limber_test::Folder made;
+  ASSERT_EQ(
+      limber({"retarget", own_clip("body_range_of_motion.bvh").string(), "--target", "biped-full",
+              "--refine", "none", "--range", "0:3", "--formats", "glb", "-o", made.string()})
+          .exit_code,
+      0);
+  const Ground ground;
+  fs::remove_all(ground.in());
+  fs::create_directories(ground.in());
+  repeat_clips(made / "body_range_of_motion@biped-full.glb", ground.in() / "two.glb");
+  const auto tree_with = [&](const std::string& options) {
+    ground.clear();
+    write_text(ground.job(), R"({"sources": ["in/two.glb"], "output": "out", "targets":)"
+                             R"(["biped-full"], "options": {"refine": "none")" +
+                                 options + "}}");
+    EXPECT_EQ(ground.run(), 0) << ground.log();
+    return ground.tree();
+  };
+  const auto alone = tree_with(R"(, "clip": "again")");
+  EXPECT_EQ(alone.size(), 4U);
+  const auto both = tree_with("");
+  EXPECT_EQ(both.size(), 8U);
+  for (const auto& [name, content] : alone) EXPECT_EQ(both.at(name), content) << name;
+}
+
+TEST(BatchProgram, TellsVerdictsOfAllRunsAsJUnit) {
+  const Ground ground;
+  const fs::path verdicts = ground.in().parent_path() / "verdicts.xml";
+  ASSERT_EQ(ground.run({"--junit", verdicts.string()}), 1);
+  const std::string first = text_of(verdicts);
+  pugi::xml_document document;
+  ASSERT_TRUE(document.load_string(first.c_str()));
+  const auto suite = document.child("testsuites").child("testsuite");
+  EXPECT_EQ(suite.attribute("tests").as_int(), 6);
+  const auto failures = suite.select_nodes("testcase/failure").size();
+  EXPECT_EQ(suite.attribute("failures").as_ullong(), failures);
+  EXPECT_GT(failures, 0U);
+  EXPECT_TRUE(suite.find_child_by_attribute("testcase", "name", "own/gestures_right_hand@hand"));
+  EXPECT_STREQ(suite.find_child_by_attribute("testcase", "name", "broken@hand")
+                   .child("failure")
+                   .attribute("type")
+                   .value(),
+               "bvh-syntax");
+  ASSERT_EQ(ground.run({"--resume", "-j", "2", "--junit", verdicts.string()}), 1);
+  EXPECT_EQ(text_of(verdicts), first);
 }
 
 TEST(BatchProgram, AClipThatOnlyAGateFailsIsToldApart) {

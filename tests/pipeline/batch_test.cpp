@@ -137,6 +137,23 @@ TEST(Batch, ABadItemCostsItselfAlone) {
   EXPECT_EQ(ground.leftovers(), 0U);
 }
 
+TEST(Batch, EachClipOfAFileHasItsOwnTimeAndItsOwnEnd) {
+  BatchGround ground;
+  ground.put({{"many.txt", "parts ooo"}, {"mixed.txt", "parts oxhfo"}},
+             R"("targets": ["hero"], "caps": {"wall_s": 1})");
+  EXPECT_EQ(ground.run({"-j", "2"}), 1);
+  EXPECT_EQ(ground.lines("ran").at("many@hero"), "  x1") << "1.8 s, no clip of it more than 1";
+  EXPECT_EQ(ground.lines("ran").at("mixed@hero"), "  x1");
+  const auto clips = ground.lines("clip");
+  EXPECT_EQ(clips.size(), 8U);
+  EXPECT_EQ(clips.at("mixed#0@hero"), " ");
+  EXPECT_EQ(clips.at("mixed#1@hero"), " process-crashed");
+  EXPECT_EQ(clips.at("mixed#2@hero"), " process-timeout");
+  EXPECT_EQ(clips.at("mixed#3@hero"), " ") << "crashed once, then well";
+  EXPECT_EQ(clips.at("mixed#4@hero"), " ");
+  EXPECT_EQ(ground.tree().size(), 6U * 3U + 2U);
+}
+
 TEST(Batch, FailedItemsRunAgainOnRequest) {
   BatchGround ground;
   ground.put({{"x.txt", "ok"}, {"y.txt", "mute"}});

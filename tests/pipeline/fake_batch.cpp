@@ -6,6 +6,8 @@
 //   crash     the process dies                  flaky  it dies the first time only
 //   hang      it never ends                     hog    it asks for memory without end
 //   liar      its answer names a file elsewhere mute   it answers nothing
+//   "parts W" a clip for each letter of W, each in a process of its own: (o)k after 0.6 s, (x)
+//             crash, (h)ang, (f)laky
 //   "ref X"   like ok, and reads X beside it    "slow N"  like ok, after N milliseconds
 #include <unistd.h>
 
@@ -35,8 +37,41 @@ void write_outputs(const fs::path& folder, const std::string& content, ClipSumma
   }
 }
 
+/// What becomes of one clip of several.
+void act(char what, const fs::path& mark) {
+  if (what == 'o') std::this_thread::sleep_for(std::chrono::milliseconds(600));
+  while (what == 'h') ::pause();
+  const bool again = fs::exists(mark);
+  if (what == 'f' && !again) (void)write_whole(mark, "");
+  if (what == 'x' || (what == 'f' && !again)) std::abort();
+}
+
+std::vector<ClipSummary> play_parts(const std::string& letters, const std::string& stem,
+                                    const fs::path& folder, const ClipSummary& one,
+                                    const IsolationLimits& limits) {
+  std::vector<ClipSummary> clips;
+  for (std::size_t k = 0; k < letters.size(); ++k) {
+    ClipSummary clip = one;
+    clip.stem.insert(stem.size(), "#" + std::to_string(k));
+    const auto answer = run_part(
+        [&] {
+          act(letters[k], one.source + ".tried");
+          write_outputs(folder, letters, clip);
+          return std::string("done");
+        },
+        limits);
+    if (!answer || *answer != "done") {
+      clip.status = Status::fail;
+      clip.code = answer ? "garbled" : answer.error().code;
+      write_outputs(folder, clip.code, clip);
+    }
+    clips.push_back(clip);
+  }
+  return clips;
+}
+
 std::vector<ClipSummary> play(const BatchPlan& plan, std::size_t item, const fs::path& folder,
-                              std::vector<std::string>& read) {
+                              std::vector<std::string>& read, const IsolationLimits& limits) {
   const std::string path = plan.source(item).path;
   std::string content = read_text(path).ok() ? *read_text(path) : "bad";
   std::istringstream words(content);
@@ -69,6 +104,9 @@ std::vector<ClipSummary> play(const BatchPlan& plan, std::size_t item, const fs:
   }
   if (what == "bad")
     clip.status = Status::fail, clip.code = "bad", clip.message = "as it was asked";
+  if (what == "parts") {
+    return play_parts(argument, plan.source(item).stem, folder, clip, limits);
+  }
   if (what != "twin") {
     write_outputs(folder, content, clip);
     return {clip};
@@ -106,7 +144,7 @@ int run(const std::vector<std::string>& arguments) {
   work.recipe = [&](std::size_t item) { return job->options_text + plan->source(item).path; };
   work.inputs = [&](std::size_t item) { return std::vector{plan->source(item).path}; };
   work.run = [&](std::size_t item, const fs::path& folder, std::vector<std::string>& read) {
-    return play(*plan, item, folder, read);
+    return play(*plan, item, folder, read, job->caps);
   };
   work.bury = [&](std::size_t item, const fs::path& folder, const Error& error) {
     ClipSummary clip{.source = plan->source(item).path,
@@ -121,6 +159,9 @@ int run(const std::vector<std::string>& arguments) {
   BatchObserver observer;
   observer.finished = [](const BatchRecord& r) {
     std::cout << "ran " << r.item << " " << r.clips[0].code << " x" << r.attempts << std::endl;
+    for (const ClipSummary& clip : r.clips) {
+      std::cout << "clip " << clip.stem << " " << clip.code << std::endl;
+    }
   };
   const BatchOutcome outcome = run_batch(*plan, work, *tree, options, observer);
   std::cout << "end passed " << outcome.passed << " failed " << outcome.failed << " before "

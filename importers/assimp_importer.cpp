@@ -3,9 +3,12 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <charconv>
 #include <cmath>
+#include <optional>
 #include <string>
+#include <utility>
 
 #include "importers/assimp_scene.h"
 #include "importers/failure.h"
@@ -69,6 +72,23 @@ std::string stated_up(const Import& import) {
   return std::string(sign < 0 ? "-" : "+") + "XYZ"[axis];
 }
 
+/// FBX also says which axis points to the figure's left and which to its front. nullopt where
+/// that is left out, or makes no right-handed space with the up axis.
+std::optional<Eigen::Quaterniond> stated_axes(const aiScene& scene) {
+  const std::array<std::pair<const char*, const char*>, 3> names = {
+      {{"CoordAxis", "CoordAxisSign"}, {"UpAxis", "UpAxisSign"}, {"FrontAxis", "FrontAxisSign"}}};
+  Eigen::Matrix3d canonical_from_file = Eigen::Matrix3d::Zero();
+  for (int row = 0; row < 3; ++row) {
+    std::int32_t axis = -1, sign = 1;
+    read_metadata(scene, names[row].first, axis);
+    read_metadata(scene, names[row].second, sign);
+    if (axis < 0 || axis > 2) return std::nullopt;
+    canonical_from_file(row, axis) = sign < 0 ? -1.0 : 1.0;
+  }
+  if (canonical_from_file.determinant() != 1.0) return std::nullopt;
+  return Eigen::Quaterniond(canonical_from_file);
+}
+
 /// A skeleton in file space: rest pose folded, neither scaled to metres nor turned upright.
 void read_skeleton(Import& import) {
   Character& character = import.out.character;
@@ -96,7 +116,12 @@ void choose_up(Import& import, const Clip* clip) {
     facts.up = *import.options.up == 'z' || *import.options.up == 'Z' ? "+Z" : "+Y";
   }
   const bool turned_by_assimp = import.format == "dae" && !import.options.up;
-  if (!turned_by_assimp) import.space.canonical_from_file = canonical_from_up(facts.up);
+  if (turned_by_assimp) return;
+  import.space.canonical_from_file = canonical_from_up(facts.up);
+  if (import.format == "fbx" && !import.options.up) {
+    import.space.canonical_from_file =
+        stated_axes(import.scene).value_or(import.space.canonical_from_file);
+  }
 }
 
 /// What the file states, in metres per unit of assimp's scene.

@@ -80,7 +80,6 @@ class ClipBuilder {
       poses_.push_back(local_transform(joint, row));
       if (joint.parent >= 0 && !joint.channels.empty()) note_position(joint, row, largest_[i]);
     }
-    if (frames_ < 2) zero_angles_[static_cast<std::size_t>(frames_)] = zero_angles(document, row);
     ++frames_;
   }
 
@@ -91,13 +90,6 @@ class ClipBuilder {
     clip.joints = static_cast<std::int32_t>(document.joints.size());
     clip.parent_from_joint = std::move(poses_);
     return clip;
-  }
-
-  /// MotionBuilder conversions of the CMU library hold a reference pose in frame 0: nearly all
-  /// angles are zero there, and the figure jumps to frame 1.
-  bool holds_reference_frame(const Clip& clip) const {
-    if (frames_ < 3 || zero_angles_[0] < 0.7) return false;
-    return zero_angles_[0] - zero_angles_[1] >= 0.2 && jumps_from_first_frame(clip);
   }
 
  private:
@@ -111,19 +103,6 @@ class ClipBuilder {
       if (is_rotation(joint.channels[c])) continue;
       largest = std::max(largest, std::abs(row[joint.channel_begin + c]));
     }
-  }
-
-  static double zero_angles(const BvhDocument& document, std::span<const double> row) {
-    std::int64_t zeros = 0;
-    std::int64_t all = 0;
-    for (const BvhJoint& joint : document.joints) {
-      for (std::size_t c = 0; c < joint.channels.size(); ++c) {
-        if (!is_rotation(joint.channels[c])) continue;
-        ++all;
-        if (std::abs(row[joint.channel_begin + c]) < 1e-6) ++zeros;
-      }
-    }
-    return all == 0 ? 0.0 : double(zeros) / double(all);
   }
 
   /// Non-root joints whose position channels hold nothing but zeros (give or take rounding)
@@ -154,9 +133,8 @@ class ClipBuilder {
                                     kept)});
   }
 
-  std::vector<DualQuaternion> poses_;       // [frame * joints + joint]
-  std::vector<double> largest_;             // [joint] absolute value of its position channels
-  std::array<double, 2> zero_angles_ = {};  // share of zero angles in the first two frames
+  std::vector<DualQuaternion> poses_;  // [frame * joints + joint]
+  std::vector<double> largest_;        // [joint] absolute value of its position channels
   std::int64_t frames_ = 0;
 };
 
@@ -221,9 +199,8 @@ Imported build(BvhDocument document, ClipBuilder& builder, const ImportOptions& 
     Clip clip = builder.finish(document, imported.warnings);
     imported.facts.rate_hz = clip.rate_hz;
     imported.facts.clips = 1;
-    const bool drop = !options.keep_reference_frame && builder.holds_reference_frame(clip);
     imported.clips.push_back(std::move(clip));
-    if (drop) drop_reference_frame(imported);
+    if (!options.keep_reference_frame) drop_any_reference_frame(imported);
   }
   settle_space(imported, options);
   for (Clip& clip : imported.clips) make_signs_continuous(clip);

@@ -119,10 +119,7 @@ Result<Imported> dispatch(std::span<const std::byte> bytes, const std::string& e
     if (imported) {
       imported->facts.reader_reason =
           own ? "asked for by option" : "no reader of our own for this format";
-      if (!options.keep_reference_frame && imported->clips.size() == 1 &&
-          starts_with_reference_frame(imported->character.skeleton, imported->clips.front())) {
-        drop_reference_frame(*imported);
-      }
+      if (!options.keep_reference_frame) drop_any_reference_frame(*imported);
     }
     return imported;
   }

@@ -4,14 +4,13 @@
 
 namespace limber {
 
-/// True where the figure jumps from frame 0 to frame 1 as it does not go on to move.
-bool jumps_from_first_frame(const Clip&);
+/// True where frame 0 is a pose of its own that the motion does not start from: nearly every
+/// joint is as the rest pose has it, many leave that at once, and some joint jumps and then hardly
+/// moves on. MotionBuilder and DAZ conversions of the CMU library keep a T-pose there.
+bool starts_with_reference_frame(const Character&, const Clip&);
 
-/// True where frame 0 is the rest pose, nearly joint for joint, and the figure jumps from it: the
-/// reference pose that conversions of the CMU library keep there.
-bool starts_with_reference_frame(const Skeleton&, const Clip&);
-
-/// Takes frame 0 of the only clip out as Imported::reference_pose; later frames keep their times.
-void drop_reference_frame(Imported&);
+/// Takes such a frame 0 of the only clip out as Imported::reference_pose; later frames keep their
+/// times.
+void drop_any_reference_frame(Imported&);
 
 }  // namespace limber

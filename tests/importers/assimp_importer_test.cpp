@@ -41,6 +41,7 @@ struct FbxFile {
   int keys = 0;
   int up_axis = 1;
   double unit_cm = 1.0;
+  std::string settings;  ///< further global settings
 };
 
 std::string vector_property(const char* name, const Vector3d& v) {
@@ -55,8 +56,8 @@ std::string to_fbx(const FbxFile& file) {
       "FBXVersion: 7400\n}}\nGlobalSettings: {{\nVersion: 1000\nProperties70: {{\n"
       "P: \"UpAxis\", \"int\", \"Integer\", \"\",{}\nP: \"UpAxisSign\", \"int\", \"Integer\", "
       "\"\",1\nP: \"UnitScaleFactor\", \"double\", \"Number\", \"\",{}\n"
-      "P: \"TimeMode\", \"enum\", \"\", \"\",6\n}}\n}}\nObjects: {{\n",
-      file.up_axis, file.unit_cm);
+      "P: \"TimeMode\", \"enum\", \"\", \"\",6\n{}}}\n}}\nObjects: {{\n",
+      file.up_axis, file.unit_cm, file.settings);
   std::string links = "Connections: {\n";
   const auto connect = [&](int child, int parent) {
     links += fmt::format("C: \"OO\",{},{}\n", child, parent);
@@ -223,6 +224,32 @@ TEST(AssimpFbx, UnitAndUpAxisAreApplied) {
   const auto overridden = read_text(to_fbx(file), "fbx", given);
   ASSERT_TRUE(overridden.ok());
   expect_fbx_motion(file, *overridden, 0.5, Eigen::Quaterniond::Identity());
+}
+
+std::string int_property(const char* name, int value) {
+  return fmt::format("P: \"{}\", \"int\", \"Integer\", \"\",{}\n", name, value);
+}
+
+TEST(AssimpFbx, FrontIsWhereTheFileSaysItIs) {
+  FbxFile file = arm_with_pivots();
+  const auto axes = [](int left, int left_sign, int front, int front_sign) {
+    return int_property("CoordAxis", left) + int_property("CoordAxisSign", left_sign) +
+           int_property("FrontAxis", front) + int_property("FrontAxisSign", front_sign);
+  };
+  const auto about = [](const Vector3d& axis, double angle_rad) {
+    return Eigen::Quaterniond(Eigen::AngleAxisd(angle_rad, axis));
+  };
+  const auto expect_turn = [&](const Eigen::Quaterniond& turn) {
+    const auto imported = read_text(to_fbx(file), "fbx");
+    ASSERT_TRUE(imported.ok()) << imported.error().message;
+    expect_fbx_motion(file, *imported, 0.01, turn);
+  };
+  file.settings = axes(0, -1, 2, -1);  // -Z is to the front
+  expect_turn(about(Vector3d::UnitY(), M_PI));
+  file.settings = axes(2, -1, 0, 1);  // +X is
+  expect_turn(about(Vector3d::UnitY(), -M_PI / 2));
+  file.settings = axes(0, 1, 2, -1);  // a left-handed space: the up axis alone is believed
+  expect_turn(Eigen::Quaterniond::Identity());
 }
 
 TEST(AssimpFbx, RestPoseIsTheStaticTransform) {

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 
 namespace limber {
@@ -31,12 +32,13 @@ Imported row_of_joints(std::int64_t frames, const Angle& angle) {
               Eigen::Quaterniond(Eigen::AngleAxisd(angle(j, f), Eigen::Vector3d::UnitX()))));
     }
   }
+  imported.character.deforming.assign(10, 1);
   imported.clips.push_back(clip);
   return imported;
 }
 
 bool detected(const Imported& imported) {
-  return starts_with_reference_frame(imported.character.skeleton, imported.clips.front());
+  return starts_with_reference_frame(imported.character, imported.clips.front());
 }
 
 TEST(ReferenceFrame, IsTheRestPoseThatTheMotionJumpsFrom) {
@@ -51,12 +53,37 @@ TEST(ReferenceFrame, IsTheRestPoseThatTheMotionJumpsFrom) {
   EXPECT_FALSE(detected(row_of_joints(2, jump)));
 }
 
+/// As DAZ conversions have it: the root jumps, the arms take five frames, fingers never move, and
+/// the trunk of the T-pose is corrected by a degree or two.
+TEST(ReferenceFrame, MayBeLeftSlowlyByAllButOneJoint) {
+  const auto eased = [](std::int32_t j, std::int64_t f) {
+    if (j >= 6) return 0.0;
+    if (j == 0) return (f == 0 ? 0.0 : 50.0 + 0.1 * f) * kDeg;
+    return (j == 1 ? 1.5 : 0.0) * kDeg + std::min<double>(f, 5.0) * 20.0 * kDeg;
+  };
+  EXPECT_TRUE(detected(row_of_joints(20, eased)));
+  const auto nobody_jumps = [&](std::int32_t j, std::int64_t f) {
+    return eased(j == 0 ? 1 : j, f);
+  };
+  EXPECT_FALSE(detected(row_of_joints(20, nobody_jumps)));
+}
+
+TEST(ReferenceFrame, TipsOfChainsDoNotCount) {
+  const auto four_of_ten_leave = [](std::int32_t j, std::int64_t f) {
+    return (j < 4 && f > 0 ? 40.0 + 0.1 * f : 0.0) * kDeg;
+  };
+  Imported imported = row_of_joints(20, four_of_ten_leave);
+  EXPECT_TRUE(detected(imported));
+  std::fill_n(imported.character.deforming.begin(), 4, 0);  // those that stay are what counts
+  EXPECT_FALSE(detected(imported));
+}
+
 TEST(ReferenceFrame, IsDroppedAndLaterFramesKeepTheirTimes) {
   Imported imported = row_of_joints(20, [](std::int32_t j, std::int64_t f) {
     return f == 0 ? 0.0 : (20.0 + double(j + f)) * kDeg;
   });
   const Clip before = imported.clips.front();
-  drop_reference_frame(imported);
+  drop_any_reference_frame(imported);
   const Clip& after = imported.clips.front();
   EXPECT_EQ(after.frames(), before.frames() - 1);
   EXPECT_DOUBLE_EQ(after.start_s, 1.0 / before.rate_hz);

@@ -2,9 +2,11 @@
 
 #include <fmt/format.h>
 #include <gtest/gtest.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
 
 #include <cstring>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 
@@ -212,6 +214,116 @@ TEST_F(Hostile, PipesDevicesAndFoldersAreNoFiles) {
     EXPECT_EQ(run.exit_code, 1) << name;
     EXPECT_EQ(json::parse(run.out)["error"]["code"], "file-unreadable") << name;
   }
+}
+
+/// Every damaged file, below the folder of shared data, with what the manifest expects of it; of
+/// the crashers it expects nothing but that they are survived.
+std::map<std::string, std::string> damaged_files() {
+  std::map<std::string, std::string> files;
+  const json manifest = json::parse(text_of(limber_test::shared("malformed/manifest.json")));
+  for (const json& item : manifest["items"]) files[item["file"]] = item["expect"];
+  for (const auto& entry : fs::directory_iterator(limber_test::shared("malformed/crashers"))) {
+    files["crashers/" + entry.path().filename().string()];
+  }
+  return files;
+}
+
+#define LIMBER_NEEDS_DAMAGED_FILES()            \
+  if (limber_test::shared("malformed").empty()) \
+  GTEST_SKIP() << "no shared data beside the sources; set LIMBER_SHARED"
+
+/// What the programs run since have used at most: one after another, so each is held to it.
+class Usage {
+ public:
+  double cpu_s() const { return seconds(now()) - seconds(start_); }
+  static double peak_gb() { return double(now().ru_maxrss) * 1024.0 / 1e9; }
+
+ private:
+  static struct rusage now() {
+    struct rusage used {};
+    ::getrusage(RUSAGE_CHILDREN, &used);
+    return used;
+  }
+  static double seconds(const struct rusage& used) {
+    return double(used.ru_utime.tv_sec + used.ru_stime.tv_sec) +
+           1e-6 * double(used.ru_utime.tv_usec + used.ru_stime.tv_usec);
+  }
+  struct rusage start_ = now();
+};
+
+constexpr double kMost_s = 5.0, kMost_gb = 2.0;
+
+/// Names of what a run left; a file that is not whole would be called otherwise.
+std::set<std::string> endings_in(const Folder& folder) {
+  std::set<std::string> endings;
+  for (const auto& entry : fs::directory_iterator(folder.string())) {
+    const std::string name = entry.path().filename();
+    endings.insert(name.ends_with(".report.json") ? "report" : entry.path().extension().string());
+  }
+  return endings;
+}
+
+void expect_source_ends_as(const std::string& file, const std::string& expectation) {
+  const Folder out;
+  const Usage usage;
+  const auto run = limber({"retarget", limber_test::shared("malformed/" + file).string(),
+                           "--target", "biped-full", "-o", out.string(), "--refine", "none",
+                           "--formats", "bvh", "--range", "0:2", "--json"});
+  EXPECT_LT(usage.cpu_s(), kMost_s);
+  ASSERT_TRUE(run.exit_code == 0 || run.exit_code == 1) << run.exit_code;
+  const json clips = json::parse(run.out)["clips"];
+  ASSERT_EQ(clips.size(), 1U);
+  const json report =
+      json::parse(text_of(out / (clips[0]["stem"].get<std::string>() + ".report.json")));
+  EXPECT_EQ(report["status"], clips[0]["status"]);
+  if (report["status"] == "fail") {
+    EXPECT_FALSE(report["errors"].empty());
+    EXPECT_EQ(endings_in(out), std::set<std::string>{"report"});
+  } else {
+    EXPECT_FALSE(expectation.starts_with("reject with")) << "must not be read";
+    EXPECT_FALSE(expectation.starts_with("valid file, unsupported")) << "must not be read";
+    EXPECT_FALSE(report["warnings"].empty()) << "read without a word";
+    EXPECT_EQ(endings_in(out), (std::set<std::string>{"report", ".bvh", ".png"}));
+  }
+}
+
+void expect_target_ends_well(const std::string& file) {
+  const Folder out;
+  const Usage usage;
+  const auto run = limber({"retarget", own_clip("body_range_of_motion.bvh").string(), "--target",
+                           limber_test::shared("malformed/" + file).string(), "-o", out.string(),
+                           "--refine", "none", "--formats", "glb", "--range", "0:2", "--json"});
+  EXPECT_LT(usage.cpu_s(), kMost_s);
+  ASSERT_TRUE(run.exit_code >= 0 && run.exit_code <= 2) << run.exit_code;
+  const json told = json::parse(run.out);
+  if (run.exit_code == 2) {  // an unreadable target: nothing is begun
+    EXPECT_FALSE(told["error"]["code"].get<std::string>().empty());
+    EXPECT_FALSE(told["error"]["hint"].get<std::string>().empty());
+    EXPECT_TRUE(endings_in(out).empty());
+  } else {
+    EXPECT_EQ(endings_in(out), (std::set<std::string>{"report", ".glb", ".png"}));
+  }
+}
+
+TEST(Damaged, EndsAsItsManifestSays) {
+  LIMBER_NEEDS_DAMAGED_FILES();
+  int seen = 0;
+  for (const auto& [file, expectation] : damaged_files()) {
+    SCOPED_TRACE(file + ": " + expectation);
+    expect_source_ends_as(file, expectation);
+    ++seen;
+  }
+  EXPECT_GE(seen, 180);
+  EXPECT_LT(Usage::peak_gb(), kMost_gb);
+}
+
+TEST(Damaged, IsRefusedOrRepairedAsATargetToo) {
+  LIMBER_NEEDS_DAMAGED_FILES();
+  for (const auto& [file, expectation] : damaged_files()) {
+    SCOPED_TRACE(file + ": " + expectation);
+    expect_target_ends_well(file);
+  }
+  EXPECT_LT(Usage::peak_gb(), kMost_gb);
 }
 
 /// Every damaged file as a source: one report that says why, or a clip; nothing half-written.

@@ -17,6 +17,7 @@ namespace {
 constexpr std::size_t kMaxDepth = 1024;
 constexpr std::size_t kMaxJoints = 65536;
 constexpr std::size_t kMaxNameBytes = 255;
+constexpr std::size_t kPassedBytes = std::size_t{16} << 20;  // between two reports of progress
 
 bool is_blank(char c) { return c == ' ' || c == '\t' || c == '\v' || c == '\f'; }
 bool is_eol(char c) { return c == '\n' || c == '\r'; }
@@ -40,7 +41,8 @@ std::string shown(std::string_view token) {
 
 class Parser {
  public:
-  Parser(std::string_view text, const BvhRowSink& sink) : text_(text), sink_(sink) {}
+  Parser(std::string_view text, const BvhRowSink& sink, const BvhPassed& passed)
+      : text_(text), sink_(sink), on_passed_(passed) {}
 
   BvhDocument run() {
     read_hierarchy();
@@ -93,12 +95,23 @@ class Parser {
 
   [[noreturn]] void complain(const char* code, const std::string& what,
                              const char* hint = "the file is damaged: export it again") {
-    std::int64_t line = 1;
-    for (std::size_t i = 0; i < std::min(at_, text_.size()); ++i) {
+    count_lines();
+    fail(code, fmt::format("line {}: {}", line_, what), hint);
+  }
+
+  /// Brings `line_` from the last passed byte up to here.
+  void count_lines() {
+    for (std::size_t i = passed_; i < std::min(at_, text_.size()); ++i) {
       const bool crlf = text_[i] == '\r' && i + 1 < text_.size() && text_[i + 1] == '\n';
-      if (is_eol(text_[i]) && !crlf) ++line;
+      if (is_eol(text_[i]) && !crlf) ++line_;
     }
-    fail(code, fmt::format("line {}: {}", line, what), hint);
+  }
+
+  void tell_passed() {
+    if (at_ - passed_ < kPassedBytes || !on_passed_) return;
+    count_lines();
+    passed_ = at_;
+    on_passed_(passed_);
   }
 
   /// Digits with a point among them, few enough that the quotient of two exact numbers is the
@@ -320,6 +333,7 @@ class Parser {
   std::size_t finish_row() {
     sink_(document_, row_);
     ++document_.frames;
+    tell_passed();
     return 0;
   }
 
@@ -392,16 +406,19 @@ class Parser {
 
   std::string_view text_;
   const BvhRowSink& sink_;
+  const BvhPassed& on_passed_;
   std::vector<double> row_;
   std::size_t at_ = 0;
+  std::size_t passed_ = 0;  // nothing before it is read again
+  std::int64_t line_ = 1;   // of `passed_`
   std::vector<std::size_t> stack_;
   BvhDocument document_;
 };
 
 }  // namespace
 
-BvhDocument parse_bvh(std::string_view text, const BvhRowSink& sink) {
-  return Parser(text, sink).run();
+BvhDocument parse_bvh(std::string_view text, const BvhRowSink& sink, const BvhPassed& passed) {
+  return Parser(text, sink, passed).run();
 }
 
 }  // namespace limber

@@ -51,9 +51,12 @@ struct BvhDocument {
 /// Values are finite. Rows are not kept: a million frames would double what a clip needs.
 using BvhRowSink = std::function<void(const BvhDocument&, std::span<const double> row)>;
 
+/// Takes, now and then, how many bytes of the text have been passed and will not be read again.
+using BvhPassed = std::function<void(std::size_t)>;
+
 /// One pass over the text; no declared count is believed beyond the bytes that remain.
 /// Fails (see failure.h) with `bvh-syntax`, `bvh-channels`, `bvh-depth`, `bvh-size`,
 /// `bvh-no-motion`, `bvh-frame-time`, `bvh-number`, `bvh-nan` or `bvh-row-length`.
-BvhDocument parse_bvh(std::string_view text, const BvhRowSink&);
+BvhDocument parse_bvh(std::string_view text, const BvhRowSink&, const BvhPassed& = {});
 
 }  // namespace limber

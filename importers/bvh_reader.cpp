@@ -216,7 +216,8 @@ Result<Imported> import_bvh(std::span<const std::byte> bytes, const ImportOption
     ClipBuilder builder;
     BvhDocument document = parse_bvh(
         text,
-        [&](const BvhDocument& so_far, std::span<const double> row) { builder.add(so_far, row); });
+        [&](const BvhDocument& so_far, std::span<const double> row) { builder.add(so_far, row); },
+        options.on_passed);
     return build(std::move(document), builder, options);
   });
 }

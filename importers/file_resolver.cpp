@@ -3,6 +3,7 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <linux/openat2.h>
+#include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <unistd.h>
@@ -232,6 +233,14 @@ Result<Bytes> read_whole_file(const std::filesystem::path& path) {
     return unreadable(fmt::format("'{}': {}", path.string(), strerror(errno)));
   }
   return read_descriptor(file.get(), path.string());
+}
+
+void forget_pages(std::span<std::byte> bytes) {
+  static const auto page = static_cast<std::uintptr_t>(::sysconf(_SC_PAGESIZE));
+  const auto begin = reinterpret_cast<std::uintptr_t>(bytes.data());
+  const std::uintptr_t first = (begin + page - 1) / page * page;
+  const std::uintptr_t end = (begin + bytes.size()) / page * page;
+  if (first < end) ::madvise(reinterpret_cast<void*>(first), end - first, MADV_DONTNEED);
 }
 
 UriResolver folder_resolver(const std::filesystem::path& folder) {

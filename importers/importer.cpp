@@ -176,7 +176,9 @@ Result<Imported> import_checked(std::span<const std::byte> bytes, std::string_vi
   const std::optional<std::string> converted = from_utf16(as_text(bytes));
   if (converted) bytes = std::as_bytes(std::span(*converted));
   if (Result<void> fits = check_content(as_text(bytes), kind); !fits) return fits.error();
-  Result<Imported> imported = dispatch(bytes, kind, resolver, options);
+  ImportOptions told = options;
+  if (converted) told.on_passed = {};  // those are not the file's bytes
+  Result<Imported> imported = dispatch(bytes, kind, resolver, told);
   if (!imported) return imported;
   if (converted) imported->warnings.push_back({"text-encoding", "the file is UTF-16 text"});
   if (Result<void> valid = check_invariants(*imported); !valid) return valid.error();
@@ -211,8 +213,13 @@ Result<Imported> import_file(const std::filesystem::path& path, const ImportOpti
   Result<Imported> imported = guarded<Imported>([&]() -> Result<Imported> {
     Result<std::vector<std::byte>> bytes = read_whole_file(path);
     if (!bytes) return bytes.error();
+    ImportOptions telling = options;
+    telling.on_passed = [&, kept = std::size_t{0}](std::size_t passed) mutable {
+      forget_pages(std::span(*bytes).subspan(kept, passed - kept));
+      kept = passed;
+    };
     return import_bytes(*bytes, path.extension().string(),
-                        telling_resolver(path.parent_path(), options), options);
+                        telling_resolver(path.parent_path(), options), telling);
   });
   if (!imported) imported.error().file = path.string();
   return imported;

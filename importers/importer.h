@@ -29,6 +29,9 @@ struct ImportOptions {
   /// Told of every file beside it that a file refers to, whether it is there or not; import_file
   /// alone calls it.
   std::function<void(const std::filesystem::path&)> on_reference = {};
+  /// Told how many of the first bytes of a BVH will not be looked at again; import_file alone sets
+  /// it, and gives their memory back: a long motion need not stand beside its text.
+  std::function<void(std::size_t)> on_passed = {};
 };
 
 /// What the file was before it became canonical; `limber inspect` prints it.

@@ -1,7 +1,9 @@
 // The BVH reader: one motion in many dialects gives one answer; damage gives a coded error.
 
+#include <fmt/format.h>
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <fstream>
 #include <map>
 #include <sstream>
@@ -116,6 +118,25 @@ std::string body(const std::string& joints, const std::string& motion) {
 const char* const kOneJoint =
     "ROOT Hips\n{\nOFFSET 0 0 0\nCHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation "
     "Yrotation\n}\n";
+
+TEST(BvhReader, WhatIsPassedIsNotReadAgain) {
+  constexpr int kFrames = 2'000'000;
+  std::string text = body(kOneJoint, fmt::format("Frames: {}\nFrame Time: 0.05\n", kFrames));
+  const auto lines = std::count(text.begin(), text.end(), '\n') + kFrames;
+  for (int f = 0; f < kFrames; ++f) text += "1 2 3 0 0 0\n";
+  ImportOptions options;
+  std::size_t passed = 0;
+  options.on_passed = [&](std::size_t bytes) {
+    std::fill(text.begin() + std::ptrdiff_t(passed), text.begin() + std::ptrdiff_t(bytes), 'x');
+    passed = bytes;
+  };
+  text += "1 2 3 0 0 zero\n";
+  const auto imported = import_text(text, "bvh", options);
+  ASSERT_FALSE(imported);
+  EXPECT_GT(passed, 0.5 * double(text.size()));
+  EXPECT_TRUE(imported.error().message.starts_with(fmt::format("line {}:", lines + 1)))
+      << imported.error().message;
+}
 
 TEST(BvhReader, SeveralRootsAndEndSites) {
   const std::string end = "End Site\n{\nOFFSET 0 1 0\n}\n";

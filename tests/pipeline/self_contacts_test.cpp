@@ -1,5 +1,7 @@
 // Parts of a body stay apart as far as the source's do. Distances are measured in the written file
 // by sampling, without the solver's.
+#include "pipeline/self_contacts.h"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -10,7 +12,6 @@
 #include "exporters/exporter.h"
 #include "importers/importer.h"
 #include "pipeline/body_capsules.h"
-#include "pipeline/self_contacts.h"
 #include "pipeline/target.h"
 #include "tests/pipeline/program.h"
 

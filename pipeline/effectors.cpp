@@ -123,7 +123,7 @@ class Extraction {
     const std::int32_t root = to.is_body() ? to.at(Role::hips) : to.root();
     const bool moves = target_.rig.joints[row_of_[to.root()]].type == JointType::free;
     add(root, moves ? EffectorKind::pose : EffectorKind::orientation,
-        moves ? Aim::root : Aim::guessed, 4.0, 10.0, true);
+        moves ? Aim::root : Aim::guessed, 3.0, 10.0, true);
     if (to.is_body()) {
       // The pelvis is held between the hip joints, wherever the file put its root.
       track_.effectors.back().offset =
@@ -133,7 +133,7 @@ class Extraction {
       const double share = 8.0 / double(std::max<std::size_t>(1, to.spine.size()));
       for (const std::int32_t j : to.spine) {
         const bool top = j == to.spine.back();
-        add(j, EffectorKind::orientation, Aim::rotation, 0.0, top ? 7.0 : share, top);
+        add(j, EffectorKind::orientation, Aim::rotation, 0.0, top ? 6.0 : share, top);
       }
       for (const std::int32_t j : to.neck) {
         add(j, EffectorKind::orientation, Aim::rotation, 0.0, 0.3, false);
@@ -173,7 +173,7 @@ class Extraction {
     bone(on(Role::leftUpperArm), 4.0, 0.1);
     bone(on(Role::leftLowerArm), 4.0, 0.1);
     if (on(Role::leftHand) != kNoJoint) {
-      add(on(Role::leftHand), EffectorKind::pose, Aim::hand, 1.0, 0.7, true, side);
+      add(on(Role::leftHand), EffectorKind::pose, Aim::hand, 0.9, 0.7, true, side);
     }
     bone(on(Role::leftUpperLeg), 5.5, 0.1);
     bone(on(Role::leftLowerLeg), 5.5, 0.1);

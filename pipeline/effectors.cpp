@@ -68,12 +68,14 @@ class Extraction {
     track_.guess.resize(std::size_t(track_.frames) * rows);
     std::vector<DualQuaternion> model(source_.character->skeleton.parents.size());
     std::vector<Quaterniond> since(row_of_.size());
+    begin_feet();
     for (std::int64_t f = 0; f < track_.frames; ++f) {
       model_from_local(source_.character->skeleton, source_.clip->frame(f), model);
       transfer_.frame(model, since);
       make_guess(f, model, since);
+      place_feet(f, model, since);
     }
-    plan_feet();
+    plant_feet();
     track_.unbent = track_.guess;
     if (auto r = shape_fingers(source_, target_, track_); !r) return r.error();
     for (std::int64_t f = 0; f < track_.frames; ++f) {
@@ -272,63 +274,78 @@ class Extraction {
     return true;
   }
 
-  /// Where each foot is to be, over the whole clip; needs the guess.
-  void plan_feet() {
-    if (!body()) return;
-    FootPath left = make_foot_path(Side::left), right = make_foot_path(Side::right);
-    if (left.ankle.empty() || right.ankle.empty()) return;
-    if (options_.contacts) {
-      const double ankles = floor_level(std::array{left.source_ankle, right.source_ankle});
-      const double toes = floor_level(std::array{left.source_toe, right.source_toe});
-      plant(left, ankles, toes);
-      plant(right, ankles, toes);
-    }
-    track_.left_contact = std::move(left.contact);
-    track_.right_contact = std::move(right.contact);
-    left_foot_ = std::move(left);
-    right_foot_ = std::move(right);
+  bool has_feet() const { return !left_foot_.ankle.empty(); }
+
+  /// Both figures are bodies with both feet.
+  bool plans_feet() const {
+    const auto has_both = [](const Figure& figure) {
+      return figure.has(Role::leftFoot) && figure.has(Role::rightFoot);
+    };
+    return body() && has_both(*source_.figure) && has_both(target_.figure);
   }
 
-  /// The source's foot over the clip, placed in the target's world; empty where either lacks it.
-  FootPath make_foot_path(Side side) {
-    const Figure& from = *source_.figure;
-    const Role foot = on_side(Role::leftFoot, side), toes = on_side(Role::leftToes, side);
-    if (!from.has(foot) || !target_.figure.has(foot)) return {};
-    FootPath path = make_foot(target_, side);
-    path.rate_hz = source_.clip->rate_hz;
-    path.speed_scale = from_height() / 1.75;
-    path.floor_y = track_.floor_y;
-    // Reach in the leg's own measure, from where the target's hip joint is: a wide pelvis stands
-    // with its feet as far apart as its legs hang, and legs of unequal length both reach the floor.
-    // Where thigh and shank share a leg otherwise than the source's, bones that point as the
-    // source's bring the foot elsewhere: it goes between the two.
-    const Role thigh = on_side(Role::leftUpperLeg, side);
-    const Calibration& to = target_.calibration;
-    const Vector3d hip_offset =
-        to.position(target_.figure.at(thigh)) - hip_centre(to.model_from_joint, target_.figure);
-    const double leg_scale = leg_length(to, target_.figure, side) /
-                             std::max(1e-6, leg_length(*source_.calibration, from, side));
-    std::vector<DualQuaternion> model(source_.character->skeleton.parents.size());
-    std::vector<Quaterniond> since(row_of_.size());
-    std::vector<DualQuaternion> world(target_.joint_of_row.size());
-    for (std::int64_t f = 0; f < track_.frames; ++f) {
-      model_from_local(source_.character->skeleton, source_.clip->frame(f), model);
-      transfer_.frame(model, since);
-      Placement place = placement_;
-      place.centre = hip_centre(model, *source_.figure);
-      const Vector3d ankle = model[from.at(foot)].translation();
-      path.source_ankle.push_back(ankle);
-      path.source_toe.push_back(from.has(toes) ? model[from.at(toes)].translation() : ankle);
-      const Vector3d hip = place(place.centre) + since[target_.figure.at(Role::hips)] * hip_offset;
-      const Vector3d reached = hip + leg_scale * (ankle - model[from.at(thigh)].translation());
-      model_from_rows(target_.rig, guess(f), world);
-      const Vector3d pointed = world[row_of_[target_.figure.at(foot)]].translation();
-      path.ankle.push_back(reached + kAsBonesPoint * (pointed - reached));
-      path.foot_turn.push_back(since[target_.figure.at(foot)]);
-      path.toes_turn.push_back(target_.figure.has(toes) ? since[target_.figure.at(toes)]
-                                                        : path.foot_turn.back());
+  void begin_feet() {
+    if (!plans_feet()) return;
+    for (const Side side : {Side::left, Side::right}) {
+      FootPath& path = side == Side::left ? left_foot_ : right_foot_;
+      path = make_foot(target_, side);
+      path.rate_hz = source_.clip->rate_hz;
+      path.speed_scale = from_height() / 1.75;
+      path.floor_y = track_.floor_y;
     }
-    return path;
+  }
+
+  void place_feet(std::int64_t f, std::span<const DualQuaternion> model,
+                  std::span<const Quaterniond> since) {
+    if (!plans_feet()) return;
+    std::vector<DualQuaternion> guessed(target_.joint_of_row.size());
+    model_from_rows(target_.rig, guess(f), guessed);
+    place_foot(Side::left, model, since, guessed, left_foot_);
+    place_foot(Side::right, model, since, guessed, right_foot_);
+  }
+
+  /// The source's foot, placed in the target's world. Reach in the leg's own measure, from where
+  /// the target's hip joint is: a wide pelvis stands with its feet as far apart as its legs hang,
+  /// and legs of unequal length both reach the floor. Where thigh and shank share a leg otherwise
+  /// than the source's, bones that point as the source's bring the foot elsewhere: it goes between
+  /// the two.
+  void place_foot(Side side, std::span<const DualQuaternion> model,
+                  std::span<const Quaterniond> since, std::span<const DualQuaternion> guessed,
+                  FootPath& path) const {
+    const Figure& from = *source_.figure;
+    const Figure& figure = target_.figure;
+    const Calibration& to = target_.calibration;
+    const Role foot = on_side(Role::leftFoot, side), toes = on_side(Role::leftToes, side);
+    const Role thigh = on_side(Role::leftUpperLeg, side);
+    const Vector3d hip_offset =
+        to.position(figure.at(thigh)) - hip_centre(to.model_from_joint, figure);
+    const double leg_scale =
+        leg_length(to, figure, side) / std::max(1e-6, leg_length(*source_.calibration, from, side));
+    Placement place = placement_;
+    place.centre = hip_centre(model, from);
+    const Vector3d ankle = model[from.at(foot)].translation();
+    path.source_ankle.push_back(ankle);
+    path.source_toe.push_back(from.has(toes) ? model[from.at(toes)].translation() : ankle);
+    const Vector3d hip = place(place.centre) + since[figure.at(Role::hips)] * hip_offset;
+    const Vector3d reached = hip + leg_scale * (ankle - model[from.at(thigh)].translation());
+    const Vector3d pointed = guessed[row_of_[figure.at(foot)]].translation();
+    path.ankle.push_back(reached + kAsBonesPoint * (pointed - reached));
+    path.foot_turn.push_back(since[figure.at(foot)]);
+    path.toes_turn.push_back(figure.has(toes) ? since[figure.at(toes)] : path.foot_turn.back());
+  }
+
+  /// Pins the feet, over the whole clip, before any frame is solved.
+  void plant_feet() {
+    if (!has_feet()) return;
+    if (options_.contacts) {
+      const double ankles =
+          floor_level(std::array{left_foot_.source_ankle, right_foot_.source_ankle});
+      const double toes = floor_level(std::array{left_foot_.source_toe, right_foot_.source_toe});
+      plant(left_foot_, ankles, toes);
+      plant(right_foot_, ankles, toes);
+    }
+    track_.left_contact = left_foot_.contact;
+    track_.right_contact = right_foot_.contact;
   }
 
   double from_height() const { return std::max(0.3, source_.calibration->height); }
@@ -413,8 +430,8 @@ class Extraction {
       Vector3d p = guessed.transform_point(track_.effectors[e].offset);
       target.weight = 1.0;
       if (plan.aim == Aim::hand && body()) p = hand_position(plan.side, model, world);
-      if (plan.aim == Aim::toes && !foot.ankle.empty()) turn = foot.toes_turn[f];
-      if (plan.aim == Aim::foot && !foot.ankle.empty()) {
+      if (plan.aim == Aim::toes && has_feet()) turn = foot.toes_turn[f];
+      if (plan.aim == Aim::foot && has_feet()) {
         turn = foot.foot_turn[f];
         p = foot.ankle[f];
         if (!foot.hold.empty()) target.weight = kSwings + (1.0 - kSwings) * foot.hold[f];

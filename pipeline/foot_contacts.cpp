@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "pipeline/smooth_cover.h"
 #include "validation/contact_detection.h"
 
 namespace limber {
@@ -127,14 +128,11 @@ void settle_soles(FootPath& path, const std::vector<double>& standing) {
 std::vector<double> holds(const FootPath& path, const std::vector<double>& standing) {
   const auto frames = static_cast<std::int64_t>(path.ankle.size());
   const auto half = std::max<std::int64_t>(1, std::llround(kEaseS * path.rate_hz));
-  std::vector<double> needed(standing), wide(standing.size()), out(standing.size());
+  std::vector<double> needed(standing), out(standing.size());
   for (std::int64_t f = 0; f < frames; ++f) {
     needed[f] = std::max(standing[f], smooth_step(1.0 - clearance(path, f) / kNearFloorM));
   }
-  for (std::int64_t f = 0; f < frames; ++f) {
-    const std::int64_t a = std::max<std::int64_t>(0, f - half), b = std::min(frames - 1, f + half);
-    wide[f] = *std::max_element(needed.begin() + a, needed.begin() + b + 1);
-  }
+  const std::vector<double> wide = running_max(needed, half);
   for (std::int64_t f = 0; f < frames; ++f) {
     double sum = 0.0, weight = 0.0;
     for (std::int64_t d = -half; d <= half; ++d) {

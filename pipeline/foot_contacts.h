@@ -15,8 +15,8 @@ struct FootPath {
   double rate_hz = 0.0;
   double speed_scale = 1.0;  ///< source stature / 1.75 m: bigger figures move faster at rest, too
   std::vector<Eigen::Vector3d> source_ankle, source_toe;  ///< [frame], source world
-  std::vector<Eigen::Quaterniond> foot_turn,
-      toes_turn;                       ///< [frame], world, since the T-pose; in, out
+  /// [frame], world, since the T-pose; in and out.
+  std::vector<Eigen::Quaterniond> foot_turn, toes_turn;
   std::vector<Eigen::Vector3d> ankle;  ///< [frame], target world; in and out
   std::vector<double> hold;            ///< [frame], out: how much the ankle's place matters, 0 to 1
   std::vector<std::uint8_t> contact;   ///< [frame], out

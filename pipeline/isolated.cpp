@@ -134,24 +134,19 @@ Error over_time(const IsolationLimits& limits) {
           .hint = "cut the clip with --range, or allow it more time"};
 }
 
-/// Reads until the end, the deadline or too much; the latter two are told.
+/// Hears until the end, the deadline or too much; the latter two are told.
 std::optional<Error> collect(IsolatedChild& child) {
-  std::array<char, 65536> buffer;
-  while (child.answer.size() <= child.limits.answer_bytes) {
+  for (bool ended = false; !ended;) {
     const auto left = std::chrono::duration_cast<std::chrono::milliseconds>(
         child.deadline - std::chrono::steady_clock::now());
     if (left.count() <= 0) return over_time(child.limits);
     struct pollfd wait {
       child.answer_fd, POLLIN, 0
     };
-    if (::poll(&wait, 1, static_cast<int>(std::min<std::int64_t>(left.count(), 60'000))) <= 0) {
-      continue;
-    }
-    const ssize_t n = ::read(child.answer_fd, buffer.data(), buffer.size());
-    if (n < 0 && errno == EINTR) continue;
-    if (n <= 0) return std::nullopt;
-    child.answer.append(buffer.data(), static_cast<std::size_t>(n));
+    const int wait_ms = static_cast<int>(std::min<std::int64_t>(left.count(), 60'000));
+    ended = ::poll(&wait, 1, wait_ms) > 0 && hear(child);
   }
+  if (child.answer.size() <= child.limits.answer_bytes) return std::nullopt;
   return over_limit("the clip's process said more than it may");
 }
 
@@ -174,6 +169,7 @@ Result<IsolatedChild> start_isolated(const std::function<std::string()>& work,
   }
   if (pid == 0) child_main(parent, ends[1], work, isolation);
   ::close(ends[1]);
+  ::fcntl(ends[0], F_SETFL, O_NONBLOCK);
   const auto deadline =
       std::chrono::steady_clock::now() + std::chrono::seconds(isolation.limits.wall_seconds);
   return IsolatedChild{pid, ends[0], isolation.limits, deadline};

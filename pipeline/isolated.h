@@ -39,7 +39,8 @@ struct Isolation {
 /// `process-timeout` (wall clock), `process-failed`, `sandbox-unavailable`.
 Result<std::string> run_isolated(const std::function<std::string()>& work, const Isolation& = {});
 
-/// A child that runs while the parent goes on; `pid` and the read end of its answer.
+/// A child that runs while the parent goes on; `pid` and the read end of its answer, which does not
+/// block.
 struct IsolatedChild {
   int pid = -1;
   int answer_fd = -1;
@@ -50,13 +51,13 @@ struct IsolatedChild {
 Result<IsolatedChild> start_isolated(const std::function<std::string()>& work, const Isolation&);
 /// Waits for the child, at most until its deadline, and collects its answer.
 Result<std::string> finish_isolated(IsolatedChild);
-/// Takes what the child has said so far into its answer and heeds begin_part(). For an end that
-/// does not block; true where there is nothing more to come, or more than may be.
+/// Takes what the child has said so far into its answer and heeds begin_part(). True where there is
+/// nothing more to come, or more than may be.
 bool hear(IsolatedChild&);
 
 /// Called in an isolated process whose work has parts that may each take the whole wall time, such
-/// as the clips of a file: the time counts anew from here. It is heard by hear(); elsewhere, and
-/// once the answer has begun, it does nothing.
+/// as the clips of a file: the time counts anew from here. Elsewhere, and once the answer has
+/// begun, it does nothing.
 void begin_part();
 
 /// Runs a part of an isolated process's work in a process of its own, within the same jail; a crash

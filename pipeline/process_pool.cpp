@@ -1,6 +1,5 @@
 #include "pipeline/process_pool.h"
 
-#include <fcntl.h>
 #include <fmt/format.h>
 #include <poll.h>
 
@@ -39,7 +38,6 @@ Result<void> ProcessPool::start(std::size_t task, const std::function<std::strin
       },
       {.may = may, .sandbox = options_.sandbox, .limits = options_.limits});
   if (!child) return child.error();
-  ::fcntl(child->answer_fd, F_SETFL, O_NONBLOCK);
   running_.push_back({task, std::move(*child), Clock::now()});
   return {};
 }
@@ -47,7 +45,6 @@ Result<void> ProcessPool::start(std::size_t task, const std::function<std::strin
 ProcessPool::Ended ProcessPool::finish(std::size_t k) {
   Running running = std::move(running_[k]);
   running_.erase(running_.begin() + static_cast<std::ptrdiff_t>(k));
-  ::fcntl(running.child.answer_fd, F_SETFL, 0);
   auto answer = finish_isolated(std::move(running.child));
   const double seconds = std::chrono::duration<double>(Clock::now() - running.start).count();
   return {running.task, std::move(answer), seconds};

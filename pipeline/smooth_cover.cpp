@@ -19,10 +19,21 @@ std::vector<double> smooth_window(std::int64_t reach) {
   return out;
 }
 
+std::vector<double> running_max(std::span<const double> x, std::int64_t reach) {
+  const auto last = static_cast<std::int64_t>(x.size()) - 1;
+  std::vector<double> out;
+  out.reserve(x.size());
+  for (std::int64_t f = 0; f <= last; ++f) {
+    const auto from = x.begin() + std::max<std::int64_t>(f - reach, 0);
+    out.push_back(*std::max_element(from, x.begin() + std::min(f + reach, last) + 1));
+  }
+  return out;
+}
+
 std::vector<double> smooth_cover(const std::vector<double>& v, std::int64_t reach, double bend) {
   const auto last = static_cast<std::int64_t>(v.size()) - 1;
   const double most = *std::ranges::max_element(v);
-  std::vector<double> arch = v, highest(v.size());
+  std::vector<double> arch = v;
   for (std::int64_t f = 0; f <= last; ++f) {
     for (std::int64_t k = 1; k <= last; ++k) {
       const double lower = 0.5 * bend * double(k) * double(k);
@@ -31,11 +42,7 @@ std::vector<double> smooth_cover(const std::vector<double>& v, std::int64_t reac
       if (f >= k) arch[f] = std::max(arch[f], v[f - k] - lower);
     }
   }
-  for (std::int64_t f = 0; f <= last; ++f) {
-    const auto from = arch.begin() + std::max<std::int64_t>(f - reach, 0);
-    highest[f] = *std::max_element(from, arch.begin() + std::min(f + reach, last) + 1);
-  }
-  return smooth_mean<double>(highest, smooth_window(reach));
+  return smooth_mean<double>(running_max(arch, reach), smooth_window(reach));
 }
 
 }  // namespace limber

@@ -27,6 +27,9 @@ std::vector<Value> smooth_mean(std::span<const Value> x, std::span<const double>
   return out;
 }
 
+/// [frame] The largest value of the frames -reach .. reach.
+std::vector<double> running_max(std::span<const double> x, std::int64_t reach);
+
 /// [frame] A smooth function that is nowhere below v (not empty). Where v bends down by no more
 /// than `bend` (per frame^2) it stays close to v; around what is sharper it is an arch that bends
 /// down by that much, and what bends up is rounded over `reach` (at least 1) frames.

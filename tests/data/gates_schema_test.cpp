@@ -14,22 +14,15 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-struct Case {
-  std::string name;
-  json document;
-};
-
-std::vector<Case> cases() {
-  std::vector<Case> out;
+std::vector<DocumentCase> cases() {
+  std::vector<DocumentCase> out;
   for (const auto& entry : fs::directory_iterator(kData / "gates")) {
     out.push_back({entry.path().filename().string(), read_json(entry.path())});
   }
   const json start = {{"format", "limber/gates/1"},
                       {"gates", {{{"figure", "smoothness/pops"}, {"warn", 0}, {"fail", 20}}}}};
   const auto vary = [&](const std::string& name, const std::function<void(json&)>& change) {
-    json document = start;
-    change(document);
-    out.push_back({name, document});
+    test::vary(out, start, name, change);
   };
   const auto gate = [](json& d) -> json& { return d["gates"][0]; };
   vary("as it is", [](json&) {});
@@ -60,7 +53,7 @@ TEST(GatesSchema, AndParserAgree) {
   if (!modules) GTEST_SKIP() << "npm packages not installed (LIMBER_NODE_MODULES)";
   expect_schema_and_parser_agree(
       kData / "schemas/gates.schema.json", cases(),
-      [](const Case& c) { return read_gates_json(c.document.dump()); }, 14);
+      [](const DocumentCase& c) { return read_gates_json(c.document.dump()); }, 14);
 }
 
 TEST(Gates, WhatFailsIsWorseThanWhatWarns) {

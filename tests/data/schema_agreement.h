@@ -5,11 +5,27 @@
 
 #include <filesystem>
 #include <fstream>
+#include <functional>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include "tests/data/data_files.h"
 
 namespace limber::test {
+
+/// A document and what it shows.
+struct DocumentCase {
+  std::string name;
+  nlohmann::json document;
+};
+
+/// Adds `start` with a change.
+inline void vary(std::vector<DocumentCase>& cases, nlohmann::json start, const std::string& name,
+                 const std::function<void(nlohmann::json&)>& change) {
+  change(start);
+  cases.push_back({name, std::move(start)});
+}
 
 /// A JSON Schema, read by ajv (npm), and our parser judge every case alike; what we ship
 /// (named *.json) is accepted, and at least `refused_at_least` others are not. `Case` has `name`

@@ -13,23 +13,16 @@ namespace {
 namespace fs = std::filesystem;
 using nlohmann::json;
 
-struct Case {
-  std::string name;
-  json document;
-};
-
 /// Rigs as shipped, and rigs with one thing wrong or merely unusual.
-std::vector<Case> cases() {
-  std::vector<Case> out;
+std::vector<DocumentCase> cases() {
+  std::vector<DocumentCase> out;
   for (const auto& entry : fs::directory_iterator(kData / "rigs")) {
     const std::string name = entry.path().filename().string();
     if (!name.ends_with(".schema.json")) out.push_back({name, read_json(entry.path())});
   }
   const json hand = read_json(kData / "rigs/hand.json");
   const auto vary = [&](const std::string& name, const std::function<void(json&)>& change) {
-    json document = hand;
-    change(document);
-    out.push_back({name, document});
+    test::vary(out, hand, name, change);
   };
   const auto joint = [](json& d, int i) -> json& { return d["joints"][i]; };
   vary("no format", [&](json& d) { d.erase("format"); });
@@ -69,7 +62,7 @@ TEST(RigSchema, AndParserAgree) {
   if (!modules) GTEST_SKIP() << "npm packages not installed (LIMBER_NODE_MODULES)";
   expect_schema_and_parser_agree(
       kData / "rigs/ikrig.schema.json", cases(),
-      [](const Case& c) { return read_rig_json(c.document.dump()); }, 15);
+      [](const DocumentCase& c) { return read_rig_json(c.document.dump()); }, 15);
 }
 
 }  // namespace

@@ -90,15 +90,20 @@ TEST(BatchProgram, TheSameBytesForAnyProcessesShardsAndPlace) {
   }
 }
 
-TEST(BatchProgram, FilesThatASourceRefersToAreInputs) {
-  const limber_test::Folder made;
-  ASSERT_EQ(
+/// A short clip of a body as a GLB of ours.
+fs::path make_glb(const limber_test::Folder& folder) {
+  EXPECT_EQ(
       limber({"retarget", own_clip("body_range_of_motion.bvh").string(), "--target", "biped-full",
-              "--refine", "none", "--range", "0:3", "--formats", "glb", "-o", made.string()})
+              "--refine", "none", "--range", "0:3", "--formats", "glb", "-o", folder.string()})
           .exit_code,
       0);
+  return folder / "body_range_of_motion@biped-full.glb";
+}
+
+TEST(BatchProgram, FilesThatASourceRefersToAreInputs) {
+  const limber_test::Folder made;
   // The GLB's two chunks as a .gltf and its buffer beside it (glTF 2.0, section 4.4).
-  const std::string glb = text_of(made / "body_range_of_motion@biped-full.glb");
+  const std::string glb = text_of(make_glb(made));
   std::uint32_t json_bytes = 0;
   std::memcpy(&json_bytes, glb.data() + 12, 4);
   json document = json::parse(glb.substr(20, json_bytes));
@@ -161,15 +166,10 @@ void repeat_clips(const fs::path& from, const fs::path& to) {
 
 TEST(BatchProgram, AClipOfSeveralComesOutAsIfItWereAlone) {
   const limber_test::Folder made;
-  ASSERT_EQ(
-      limber({"retarget", own_clip("body_range_of_motion.bvh").string(), "--target", "biped-full",
-              "--refine", "none", "--range", "0:3", "--formats", "glb", "-o", made.string()})
-          .exit_code,
-      0);
   const Ground ground;
   fs::remove_all(ground.in());
   fs::create_directories(ground.in());
-  repeat_clips(made / "body_range_of_motion@biped-full.glb", ground.in() / "two.glb");
+  repeat_clips(make_glb(made), ground.in() / "two.glb");
   const auto tree_with = [&](const std::string& options) {
     ground.clear();
     write_text(ground.job(), R"({"sources": ["in/two.glb"], "output": "out", "targets":)"

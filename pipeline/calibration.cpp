@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <map>
 
 #include "pipeline/foot_reference.h"
 #include "pipeline/reference_pose.h"
@@ -103,14 +102,13 @@ std::optional<Quaterniond> palm_correction(const Figure& figure, const Bones& bo
 /// World rotation from the reference to the T-pose, per joint.
 class Corrections {
  public:
-  Corrections(const Figure& figure, const Bones& bones, const Quaterniond& front,
-              const Quaterniond& upright)
-      : figure_(figure), bones_(bones), front_(front), upright_(upright) {}
+  Corrections(const Figure& figure, const Bones& bones, const Quaterniond& front)
+      : figure_(figure), bones_(bones), front_(front) {}
 
   Quaterniond of(std::optional<Role> role, const Quaterniond& inherited) {
     if (!role) return inherited;
     if (side_of(*role) == Side::middle || *role == Role::leftEye || *role == Role::rightEye) {
-      return upright_;
+      return front_;
     }
     const Side side = side_of(*role);
     const Role left = side == Side::right ? mirrored(*role) : *role;
@@ -157,9 +155,6 @@ class Corrections {
     square_feet_ = splay_deg > kSplayedDeg && square_deg + kClearlyFlatterDeg < flat_deg;
   }
 
-  /// Corrections of feet that are known better than from the reference.
-  void set_planted(std::map<Role, Quaterniond> planted) { planted_ = std::move(planted); }
-
   double mean_turn_deg() const { return turns_ == 0 ? 0.0 : sum_deg_ / turns_; }
 
  private:
@@ -181,10 +176,7 @@ class Corrections {
   }
 
   /// Feet keep their pitch (the reference stands on flat soles) and point forward.
-  Quaterniond flat_foot(Role foot) const {
-    if (const auto planted = planted_.find(foot); planted != planted_.end()) return planted->second;
-    return toes_forward(foot, front_);
-  }
+  Quaterniond flat_foot(Role foot) const { return toes_forward(foot, front_); }
 
   /// The foot turned as `correction` turns it, and about +Y so that it points forward.
   Quaterniond toes_forward(Role foot, const Quaterniond& correction) const {
@@ -196,8 +188,7 @@ class Corrections {
 
   const Figure& figure_;
   const Bones& bones_;
-  Quaterniond front_, upright_;  // of the whole figure, and of its trunk
-  std::map<Role, Quaterniond> planted_;
+  Quaterniond front_;
   bool square_feet_ = false;
   double sum_deg_ = 0.0;
   int turns_ = 0;
@@ -294,26 +285,17 @@ Result<Calibration> calibrate(const Character& character, const Figure& figure,
   const Bones bones(figure, chosen->model);
   Quaterniond front = Quaterniond::Identity();
   if (figure.is_body()) front = yaw_to_front(ReferenceView(figure, chosen->model).forward());
-  // A frame of the motion is nobody's neutral pose: the trunk that stands best is upright.
-  Quaterniond upright = front;
-  if (figure.is_body() && chosen->name == "motion") {
-    upright =
-        smallest_rotation(front * ReferenceView(figure, chosen->model).trunk(), Vector3d::UnitY()) *
-        front;
-  }
   // Hip line and shoulder line are level and square in the T-pose, whatever way the file's own
   // pelvis and chest lean or turn: figures whose lines agree face the same way.
   const auto levelled = [&](Role right, Role left) {
-    if (!figure.is_body() || !figure.has(right) || !figure.has(left)) return upright;
+    if (!figure.is_body() || !figure.has(right) || !figure.has(left)) return front;
     const Vector3d line = ReferenceView(figure, chosen->model).bone(right, left);
-    return Quaterniond(smallest_rotation(upright * line, Vector3d::UnitX()) * upright);
+    return Quaterniond(smallest_rotation(front * line, Vector3d::UnitX()) * front);
   };
   const Quaterniond level_hips = levelled(Role::rightUpperLeg, Role::leftUpperLeg);
   const Quaterniond level_chest = levelled(Role::rightUpperArm, Role::leftUpperArm);
-  Corrections corrections(figure, bones, front, upright);
-  if (figure.is_body() && clip != nullptr && chosen->name == "motion") {
-    corrections.set_planted(planted_feet(character, figure, chosen->model, *clip));
-  } else if (figure.is_body() && clip != nullptr) {
+  Corrections corrections(figure, bones, front);
+  if (figure.is_body() && clip != nullptr && chosen->name != "motion") {
     corrections.read_feet(character, chosen->model, *clip);
   }
   const auto roles = roles_by_joint(figure, character.skeleton.size());
@@ -335,7 +317,7 @@ Result<Calibration> calibrate(const Character& character, const Figure& figure,
     const bool chest = !figure.spine.empty() && j == figure.spine.back();
     correction[j] = pelvis  ? level_hips
                     : chest ? level_chest
-                    : trunk ? upright
+                    : trunk ? front
                             : corrections.of(roles[j], inherited);
     const Vector3d p = parent == kNoJoint
                            ? Vector3d(front * reference.translation())

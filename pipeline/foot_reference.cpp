@@ -20,30 +20,6 @@ Quaterniond yaw_to_front(const Vector3d& direction) {
       Eigen::AngleAxisd(-std::atan2(direction.x(), direction.z()), Vector3d::UnitY()));
 }
 
-std::map<Role, Quaterniond> planted_feet(const Character& character, const Figure& figure,
-                                         std::span<const DualQuaternion> reference_model,
-                                         const Clip& clip) {
-  std::map<Role, Quaterniond> out;
-  std::vector<DualQuaternion> model(character.skeleton.parents.size());
-  for (const Side side : {Side::left, Side::right}) {
-    const Role foot = on_side(Role::leftFoot, side), toes = on_side(Role::leftToes, side);
-    if (!figure.has(foot) || !figure.has(toes)) continue;
-    double lowest = 1e9;
-    for (std::int64_t f = 0; f < clip.frames(); ++f) {
-      model_from_local(character.skeleton, clip.frame(f), model);
-      const Vector3d ankle = model[figure.at(foot)].translation();
-      const Vector3d toe = model[figure.at(toes)].translation();
-      if (ankle.y() + toe.y() >= lowest) continue;
-      lowest = ankle.y() + toe.y();
-      Vector3d forward = toe - ankle;
-      forward.y() = 0.0;
-      out[foot] = yaw_to_front(forward) * model[figure.at(foot)].rotation() *
-                  reference_model[figure.at(foot)].rotation().conjugate();
-    }
-  }
-  return out;
-}
-
 double stance_tilt_deg(const Skeleton& skeleton, const Clip& clip, std::int32_t foot,
                        const Quaterniond& level_rotation) {
   const Vector3d up_in_joint = level_rotation.conjugate() * Vector3d::UnitY();

@@ -13,13 +13,6 @@ namespace limber {
 /// Turn about +Y that brings the horizontal part of `direction` onto +Z.
 Eigen::Quaterniond yaw_to_front(const Eigen::Vector3d& direction);
 
-/// World rotations that take feet from a reference pose to flat soles that point forward, read from
-/// the frame of the clip in which ankle and toes are lowest: in a reference that was taken from the
-/// motion a foot may be in the air. Only feet with toes.
-std::map<Role, Eigen::Quaterniond> planted_feet(const Character&, const Figure&,
-                                                std::span<const DualQuaternion> reference_model,
-                                                const Clip&);
-
 /// Median angle in degrees between a foot's sole and the ground over the frames in which its ankle
 /// is lowest, where the sole is level when the joint has `level_rotation` in the world.
 double stance_tilt_deg(const Skeleton&, const Clip&, std::int32_t foot,

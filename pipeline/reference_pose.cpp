@@ -5,12 +5,15 @@
 #include <algorithm>
 #include <cmath>
 
+#include "pipeline/motion_reference.h"
+
 namespace limber {
 namespace {
 
 using Eigen::Vector3d;
 
 constexpr double kGoodReferenceDeg = 25.0;  // a rest pose this close to a T-pose is one
+constexpr double kTPoseDeg = 12.0;          // each limb this close: somebody stands in the T-pose
 constexpr double kPoorReferenceDeg = 45.0;  // beyond it, no pose of the file stands upright
 
 /// How far a pose is from standing upright with straight legs (degrees, weighted mean). Arms may
@@ -42,6 +45,21 @@ double upright_cost(const Figure& figure, const std::vector<DualQuaternion>& mod
     add(1.0, std::abs(90.0 - degrees_between(upper, front)));
   }
   return weight > 0.0 ? sum / weight : 180.0;
+}
+
+/// Each arm and leg and the trunk lie as in the T-pose.
+bool stands_in_t_pose(const Figure& figure, const std::vector<DualQuaternion>& model) {
+  const ReferenceView view(figure, model);
+  const auto lies = [&](Role upper, const Vector3d& direction) {
+    const Role middle = role_at(index_of(upper) + 1), end = role_at(index_of(upper) + 2);
+    return view.has(upper) && view.has(middle) && view.has(end) &&
+           degrees_between(view.bone(upper, middle), direction) < kTPoseDeg &&
+           degrees_between(view.bone(middle, end), direction) < kTPoseDeg;
+  };
+  const Vector3d left = view.left(), up = Vector3d::UnitY();
+  return degrees_between(view.trunk(), up) < kTPoseDeg && lies(Role::leftUpperArm, left) &&
+         lies(Role::rightUpperArm, -left) && lies(Role::leftUpperLeg, -up) &&
+         lies(Role::rightUpperLeg, -up);
 }
 
 /// World positions with the reference's rotations and the rest pose's bone vectors.
@@ -99,6 +117,10 @@ std::vector<ReferencePose> candidates(const Character& character, const Figure& 
       if (cost < best_cost) best_cost = cost, best = f;
     }
     add_local("motion", clip->frame(best));
+    ReferencePose& chosen = out.back();
+    if (figure.is_body() && !stands_in_t_pose(figure, chosen.model)) {
+      chosen.model = motion_reference(character, figure, *clip, best);
+    }
   }
   return out;
 }

@@ -84,6 +84,62 @@ TEST(Identity, SharedClips) {
   }
 }
 
+/// Joint positions, [frame * joints + joint].
+std::vector<Eigen::Vector3d> positions(const Imported& imported) {
+  const Skeleton& skeleton = imported.character.skeleton;
+  std::vector<DualQuaternion> model(skeleton.parents.size());
+  std::vector<Eigen::Vector3d> out;
+  for (std::int64_t f = 0; f < imported.clips.front().frames(); ++f) {
+    model_from_local(skeleton, imported.clips.front().frame(f), model);
+    for (const DualQuaternion& joint : model) out.push_back(joint.translation());
+  }
+  return out;
+}
+
+/// Mean distance between the positions of two clips in % of the stature, but for the height at
+/// which the figure's floor lies: one floor per clip is part of a retarget.
+double mean_distance_percent(const Imported& before, const Imported& after) {
+  const auto a = positions(before), b = positions(after);
+  EXPECT_EQ(a.size(), b.size());
+  double rise = 0.0, sum = 0.0, top = -1e9, bottom = 1e9;
+  for (std::size_t i = 0; i < a.size(); ++i) rise += (b[i].y() - a[i].y()) / double(a.size());
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    sum += (b[i] - a[i] - Eigen::Vector3d(0.0, rise, 0.0)).norm() / double(a.size());
+    if (i < before.character.skeleton.parents.size()) {
+      top = std::max(top, a[i].y());
+      bottom = std::min(bottom, a[i].y());
+    }
+  }
+  return 100.0 * sum / (top - bottom);
+}
+
+/// A clip onto another figure and from there back onto its own skeleton.
+void expect_back(const std::filesystem::path& clip, const std::string& target) {
+  const std::string stem = clip.stem().string(),
+                    other = std::filesystem::path(target).stem().string();
+  SCOPED_TRACE(stem + " onto " + other + " and back");
+  const Folder folder;
+  const auto retarget = [&](const std::string& source, const std::string& onto) {
+    return limber_test::limber({"retarget", source, "--target", onto, "-o", folder.string(),
+                                "--refine", "none", "--formats", "glb"})
+        .exit_code;
+  };
+  ASSERT_EQ(retarget(clip.string(), target), 0);
+  const std::string there = stem + "@" + other;
+  ASSERT_EQ(retarget((folder / (there + ".glb")).string(), clip.string()), 0);
+  EXPECT_LT(mean_distance_percent(read(clip), read(folder / (there + "@" + stem + ".glb"), true)),
+            2.0);
+}
+
+TEST(Identity, ThereAndBack) {
+  expect_back(limber_test::own_clip("body_range_of_motion.bvh"), "biped-hands");
+  const auto cmu = limber_test::cmu_clip("01_03.bvh");
+  if (!cmu.empty()) expect_back(cmu, "biped-full");
+  const auto walk = limber_test::shared("bvh/freebvh_mixamo_names_55j.bvh");
+  const auto arnaud = limber_test::shared("characters/ozz_arnaud.fbx");
+  if (!walk.empty() && !arnaud.empty()) expect_back(walk, arnaud.string());
+}
+
 /// A clip that holds the calibrated T-pose of `imported` for five frames.
 Clip held_t_pose(const Imported& imported, const Calibration& calibration) {
   Clip clip;

@@ -161,6 +161,13 @@ json contacts_json(const MotionMetrics& metrics) {
           {"intervals", metrics.intervals}};
 }
 
+json cycle_json(const CycleFigures& cycle) {
+  return {{"period_frames", cycle.period},
+          {"last_frame_repeats_first", cycle.repeats_first},
+          {"lap", {{"way_m", rounded(cycle.way_m)}, {"turn_deg", rounded(cycle.turn_deg)}}},
+          {"seam", {{"turn_deg", rounded(cycle.seam_deg)}, {"height_mm", rounded(cycle.seam_mm)}}}};
+}
+
 json self_contacts_json(const SelfContactFigures& figures) {
   const auto largest_cm = [](const std::vector<double>& depth_m) {
     return depth_m.empty() ? 0.0 : rounded(1e2 * *std::ranges::max_element(depth_m));
@@ -242,6 +249,7 @@ void add_result(json& out, const ClipRecord& record) {
                    {"tree_passes", result.solver.tree_passes},
                    {"sweeps", result.solver.sweeps},
                    {"residual_max", result.solver.residual_max}};
+  if (result.cycle) out["cycle"] = cycle_json(*result.cycle);
   out["effectors"] = effectors_json(result);
   if (!record.checks.empty()) out["limits"] = limits_json(record);
   if (record.metrics) {

@@ -191,6 +191,7 @@ class Program {
     c->add_option("--limits", limits_, "keep joints within their limits")->check(on_off);
     c->add_option("--contacts", contacts_, "pin feet that stand")->check(on_off);
     c->add_option("--collision", collision_, "keep body parts apart")->check(on_off);
+    c->add_option("--cycle", cycle_, "solve clips that go round as cycles")->check(on_off);
     c->add_option("--root", root_, "root motion: scale with leg length, keep, or in-place")
         ->check(CLI::IsMember({"scale", "keep", "in-place"}));
     c->add_option("--refine", refine_, "none, or frame: measure the gap to Ceres")
@@ -223,6 +224,7 @@ class Program {
     RetargetOptions& options = job.retarget;
     options.limits = limits_ == "on";
     options.collision = collision_ == "on";
+    options.cycles = cycle_ == "on";
     options.effectors.contacts = contacts_ == "on";
     options.effectors.root = root_ == "scale"  ? RootMode::scale
                              : root_ == "keep" ? RootMode::keep
@@ -344,9 +346,9 @@ class Program {
   RetargetArgs retarget_;
   bool parse_only_ = false;
   BatchArgs batch_;
-  std::string clip_, range_, map_file_, limits_ = "on", contacts_ = "on", collision_ = "on",
-                                        root_ = "scale", refine_ = "frame", solver_ = "pgs",
-                                        reference_, fingers_ = "rest", sandbox_ = "auto";
+  std::string clip_, range_, map_file_,
+      limits_ = "on", contacts_ = "on", collision_ = "on", cycle_ = "on", root_ = "scale",
+      refine_ = "frame", solver_ = "pgs", reference_, fingers_ = "rest", sandbox_ = "auto";
   double rate_ = 0.0;
   std::vector<std::string> formats_;
   PoseArgs pose_;

@@ -7,6 +7,7 @@
 
 #include "pipeline/clip_passes.h"
 #include "pipeline/self_contacts.h"
+#include "pipeline/source_cycle.h"
 #include "solver/swing_twist.h"
 #include "validation/ceres_refiner.h"
 
@@ -20,6 +21,7 @@ constexpr std::size_t kRefinedWorst = 4;  // frames with the largest error that 
 constexpr std::size_t kRefinedEven = 8;   // and an even sample
 constexpr double kBentTolerance = M_PI / 180.0;
 constexpr double kReachableM = 1e-3;
+constexpr double kNeighbourLapS = 1.5;  // of the laps before and after that a cycle's frames feel
 
 std::string name_of(SolverChoice choice) {
   switch (choice) {
@@ -257,13 +259,29 @@ void cut(Retargeted& out, std::int64_t first, std::int64_t last) {
   track.frames = last - first + 1;
 }
 
-}  // namespace
+/// How a lap of the solved motion differs from the next, from frame `at` on.
+CycleFigures cycle_figures(const SourceCycle& cycle, const Retargeted& out, std::int64_t at) {
+  CycleFigures figures{
+      .period = cycle.period, .repeats_first = cycle.repeats_first, .way_m = cycle.way_m};
+  figures.turn_deg = rotation_angle(cycle.lap.rotation(), Quaterniond::Identity()) * 180.0 / M_PI;
+  const auto now = out.rig_clip.frame(at), later = out.rig_clip.frame(at + cycle.period);
+  for (std::size_t i = 0; i < now.size(); ++i) {
+    Quaterniond expected = now[i].rotation();
+    if (out.rig.joints[i].parent == kNoJoint) {
+      expected = cycle.lap.rotation() * expected;
+      figures.seam_mm = 1e3 * std::abs(later[i].translation().y() - now[i].translation().y());
+    }
+    figures.seam_deg =
+        std::max(figures.seam_deg, rotation_angle(expected, later[i].rotation()) * 180.0 / M_PI);
+  }
+  return figures;
+}
 
-Result<Retargeted> retarget_clip(const SourceMotion& source, const Target& target,
-                                 const RetargetOptions& options) {
+/// Extracts and solves a clip, or a cycle with parts of its neighbouring laps.
+Result<void> solve_clip(const SourceMotion& source, const Target& target,
+                        const RetargetOptions& options, Retargeted& out) {
   auto track = extract_effectors(source, target, options.effectors);
   if (!track) return track.error();
-  Retargeted out;
   out.track = std::move(*track);
   out.rig = target.rig;
   release_carried(out.rig, out.track);
@@ -277,7 +295,42 @@ Result<Retargeted> retarget_clip(const SourceMotion& source, const Target& targe
     if (!contacts) return contacts.error();
     out.self_contacts = std::move(*contacts);
   }
-  if (options.range) cut(out, options.range->first, options.range->second);
+  return {};
+}
+
+/// Solves the clip and, where it is a cycle, so much of the laps before and after it that its ends
+/// come out as if it went on for ever.
+Result<void> solve_in_laps(const SourceMotion& source, const Target& target,
+                           const RetargetOptions& options, Retargeted& out) {
+  const auto cycle = options.cycles ? find_cycle(source) : std::nullopt;
+  std::int64_t first = 0, last = source.clip->frames() - 1;
+  if (!cycle) {
+    if (auto r = solve_clip(source, target, options, out); !r) return r;
+  } else {
+    const std::int64_t more =
+        std::min<std::int64_t>(cycle->period, std::llround(kNeighbourLapS * source.clip->rate_hz));
+    const Clip laps = with_laps(source.character->skeleton, *source.clip, *cycle, more);
+    SourceMotion motion = source;
+    motion.clip = &laps;
+    if (auto r = solve_clip(motion, target, options, out); !r) return r;
+    out.cycle = cycle_figures(*cycle, out, more);
+    first += more;
+    last += more;
+  }
+  if (options.range) {
+    last = first + options.range->second;
+    first += options.range->first;
+  }
+  if (last - first + 1 < out.track.frames) cut(out, first, last);
+  return {};
+}
+
+}  // namespace
+
+Result<Retargeted> retarget_clip(const SourceMotion& source, const Target& target,
+                                 const RetargetOptions& options) {
+  Retargeted out;
+  if (auto r = solve_in_laps(source, target, options, out); !r) return r.error();
 
   out.clip = out.rig_clip;
   out.clip.joints = target.character.skeleton.size();

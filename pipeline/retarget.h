@@ -22,6 +22,7 @@ struct RetargetOptions {
   RefineMode refine = RefineMode::frame;
   bool limits = true;
   bool collision = true;
+  bool cycles = true;  ///< clips that go round are solved as what they are
   /// Frames [first, last] of the result to keep. Ground, contacts and scale come from the whole
   /// clip, so that a range gives the frames that the whole clip gives.
   std::optional<std::pair<std::int64_t, std::int64_t>> range;
@@ -57,6 +58,16 @@ struct RefineFigures {
   std::vector<std::int64_t> frames;
 };
 
+/// A clip that goes round (source_cycle.h).
+struct CycleFigures {
+  std::int64_t period = 0;             ///< frames
+  bool repeats_first = false;          ///< its last frame is its first once more
+  double way_m = 0.0, turn_deg = 0.0;  ///< of the source in a lap, over the floor
+  /// How much the result of a frame and that of the same frame a lap later differ: the joint that
+  /// does so most, relative to its parent, and the root's height.
+  double seam_deg = 0.0, seam_mm = 0.0;
+};
+
 struct Retargeted {
   Clip clip;      ///< on the target's skeleton
   Rig rig;        ///< the target's rig with this clip's effectors
@@ -71,6 +82,7 @@ struct Retargeted {
   std::vector<double> frame_excess_deg;             ///< [frame] the source's, largest of any joint
   std::vector<std::int32_t> frame_joints_at_limit;  ///< [frame] how many stand on a limit
   SelfContactFigures self_contacts;
+  std::optional<CycleFigures> cycle;
   RefineFigures refine;
   Warnings warnings;
 };

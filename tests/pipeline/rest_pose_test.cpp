@@ -5,9 +5,9 @@
 #include <cmath>
 #include <random>
 
-#include "importers/importer.h"
 #include "pipeline/retarget.h"
 #include "pipeline/target.h"
+#include "tests/pipeline/performance.h"
 #include "tests/pipeline/program.h"
 
 namespace limber {
@@ -16,28 +16,11 @@ namespace {
 using Eigen::AngleAxisd;
 using Eigen::Quaterniond;
 using Eigen::Vector3d;
+using limber_test::Performance;
+using limber_test::posed_clip;
+using limber_test::read_performance;
 
 constexpr double kDeg = M_PI / 180.0;
-
-/// A clip whose figure and T-pose are known.
-struct Performance {
-  Character character;
-  Figure figure;
-  Calibration calibration;
-  Clip clip;
-};
-
-Performance read_performance(const std::filesystem::path& path) {
-  auto imported = import_file(path, {});
-  EXPECT_TRUE(imported);
-  auto figure = identify_figure(imported->character);
-  EXPECT_TRUE(figure);
-  auto calibration = calibrate(imported->character, *figure, {}, imported->reference_pose,
-                               &imported->clips.front());
-  EXPECT_TRUE(calibration);
-  return {std::move(imported->character), std::move(*figure), std::move(*calibration),
-          std::move(imported->clips.front())};
-}
 
 /// [joint] World rotation from the T-pose to a rest pose.
 using Turns = std::vector<Quaterniond>;
@@ -155,8 +138,8 @@ TEST(RestPose, OneMotionOnAnyRestGivesOneResult) {
   }
 }
 
-/// Hanging arms that swing, turn and bend, and legs that step on the spot: what a joint adds to its
-/// parent's turn since the T-pose. Nobody stands in a T-pose.
+/// Hanging arms that swing, turn and bend, and legs that step on the spot. Nobody stands in a
+/// T-pose.
 Quaterniond stepping(Role role, int frame) {
   const double out = side_of(role) == Side::left ? 1.0 : -1.0, phase = 0.3 * frame + out;
   const auto turn = [](double angle, const Vector3d& axis) {
@@ -176,36 +159,9 @@ Quaterniond stepping(Role role, int frame) {
   }
 }
 
-/// Two seconds of stepping().
-Clip stepping_clip(const Performance& t_pose) {
-  const auto roles = roles_by_joint(t_pose.figure, t_pose.character.skeleton.size());
-  const auto& rest = t_pose.calibration.model_from_joint;
-  Clip clip;
-  clip.rate_hz = 30.0;
-  clip.joints = t_pose.character.skeleton.size();
-  std::vector<DualQuaternion> model(rest.size());
-  for (int f = 0; f < 60; ++f) {
-    Turns since(rest.size(), Quaterniond::Identity());
-    for (const std::int32_t j : t_pose.figure.order) {
-      const std::int32_t parent = t_pose.figure.parents[j];
-      Vector3d at = rest[j].translation();
-      if (parent != kNoJoint) {
-        since[j] = since[parent];
-        at = model[parent].translation() + since[parent] * (at - rest[parent].translation());
-      }
-      if (roles[j]) since[j] = since[j] * stepping(*roles[j], f);
-      model[j] = DualQuaternion::from_rotation_translation(since[j] * rest[j].rotation(), at);
-    }
-    Pose local(model.size());
-    local_from_model(t_pose.character.skeleton, model, local);
-    clip.parent_from_joint.insert(clip.parent_from_joint.end(), local.begin(), local.end());
-  }
-  return clip;
-}
-
 TEST(RestPose, BendingElbowsAndKneesTellHowLimbsAreTurned) {
   Performance source = read_performance(limber_test::own_clip("body_range_of_motion.bvh"));
-  source.clip = stepping_clip(source);
+  source.clip = posed_clip(source, 60, stepping);
   const Turns turns = folded(source);
   const Performance performance = with_rest(source, turns);
   const auto calibration =

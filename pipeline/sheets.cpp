@@ -37,6 +37,29 @@ std::vector<std::vector<EffectorMark>> marks_of(const Retargeted& result) {
   return marks;
 }
 
+/// [frame] Speed (m/s) of whichever of hands, feet and head is fastest.
+std::vector<double> fastest(const Character& character, const Figure& figure, const Clip& clip,
+                            double scale) {
+  std::vector<std::int32_t> joints;
+  for (const Role role :
+       {Role::head, Role::leftHand, Role::rightHand, Role::leftFoot, Role::rightFoot}) {
+    if (figure.has(role)) joints.push_back(figure.at(role));
+  }
+  std::vector<DualQuaternion> model(character.skeleton.parents.size());
+  std::vector<Eigen::Vector3d> before(joints.size());
+  std::vector<double> out(static_cast<std::size_t>(clip.frames()), 0.0);
+  for (std::int64_t f = 0; f < clip.frames(); ++f) {
+    model_from_local(character.skeleton, clip.frame(f), model);
+    for (std::size_t i = 0; i < joints.size(); ++i) {
+      const Eigen::Vector3d now = model[joints[i]].translation();
+      if (f > 0) out[f] = std::max(out[f], scale * clip.rate_hz * (now - before[i]).norm());
+      before[i] = now;
+    }
+  }
+  if (out.size() > 1) out[0] = out[1];
+  return out;
+}
+
 std::vector<std::string> key_figures(const ClipRecord& record) {
   const Retargeted& result = *record.result;
   const FileCheck checked = worst_of(record.checks);
@@ -57,6 +80,10 @@ std::vector<std::string> key_figures(const ClipRecord& record) {
     lines.push_back(fmt::format("slide {:.1f} cm/s (source {:.1f}), pops {}",
                                 record.metrics->output.slide_cm_s,
                                 record.metrics->source.slide_cm_s, record.metrics->pops));
+  }
+  if (result.cycle) {
+    lines.push_back(fmt::format("goes round in {} frames, seam {:.2f} deg", result.cycle->period,
+                                result.cycle->seam_deg));
   }
   return lines;
 }
@@ -81,6 +108,15 @@ Result<std::vector<std::byte>> draw_clip_sheet(const ClipRecord& record, const S
   sheet.error_mm = result.worst_error_mm;
   sheet.left_contact = result.track.left_contact;
   sheet.right_contact = result.track.right_contact;
+  sheet.ghost_scale = result.track.scale;
+  if (target.figure.is_body() && motion.clip->frames() == result.clip.frames()) {
+    sheet.speed = fastest(target.character, target.figure, result.clip, 1.0);
+    sheet.source_speed =
+        fastest(*motion.character, *motion.figure, *motion.clip, result.track.scale);
+  }
+  for (const JointAtLimit& joint : result.at_limit) {
+    sheet.at_limit.push_back({joint.joint, double(joint.frames) / double(result.track.frames)});
+  }
   for (const std::int32_t row : joints_at_limit(result.rig, result.rig_clip)) {
     sheet.tinted_joints.push_back(target.joint_of_row[row]);
   }

@@ -13,7 +13,8 @@ namespace {
 
 constexpr std::size_t kColumns = 10;
 constexpr std::int32_t kMargin = 36, kCellGap = 10, kCaption = 24, kRowLabel = 34, kRowGap = 10;
-constexpr std::int32_t kHeadHeight = 104, kCellHeight = 310, kWidestCell = 330;
+constexpr std::int32_t kHeadHeight = 104, kCellHeight = 310, kWidestCell = 330, kHandHeight = 200;
+constexpr double kFingersMoveRad = 0.1;  // from here on, hands are shown from near
 constexpr std::int32_t kInnerWidth = 2088;
 
 Error invalid(std::string message) {
@@ -64,8 +65,11 @@ struct Row {
   ViewDirection view;
   std::vector<std::int64_t> frames;  // of the actor's own clip
   bool marks = false;
+  Actor* ghost = nullptr;  // its bones are drawn over the actor's cells
+  std::vector<std::int64_t> ghost_frames;
+  std::size_t first_column = 0;  // not 0: beside the row before, on its right
+  std::int32_t cell_height = kCellHeight;
   std::unique_ptr<RowCamera> camera;
-  std::int32_t cell_height = 0;
   double size = 0.0;  // of the figure, m
 };
 
@@ -83,9 +87,10 @@ Row row_of(Actor* actor, std::string label, std::string detail, const ViewDirect
 std::vector<Eigen::Vector3d> some_points(std::span<const Surface> surfaces) {
   std::vector<Eigen::Vector3d> points;
   for (const Surface& s : surfaces) {
-    const std::size_t step = std::max<std::size_t>(1, s.positions.size() / 400);
-    for (std::size_t i = 0; i < s.positions.size(); i += step) {
-      if (s.positions[i].allFinite()) points.push_back(s.positions[i].cast<double>());
+    const std::size_t step = std::max<std::size_t>(1, s.triangles.size() / 2400);
+    for (std::size_t i = 0; i < s.triangles.size(); i += step) {
+      const Eigen::Vector3f& p = s.positions[s.triangles[i]];
+      if (p.allFinite()) points.push_back(p.cast<double>());
     }
   }
   return points;
@@ -161,7 +166,7 @@ bool turns_much(Actor& actor, std::span<const std::int64_t> frames) {
 /// Fits the row's camera to all of its frames; fixes the row's height.
 void frame_row(Row& row, std::size_t columns) {
   row.camera =
-      std::make_unique<RowCamera>(row.view, grid_of(0, columns, 0).cells[0].width, kCellHeight);
+      std::make_unique<RowCamera>(row.view, grid_of(0, columns, 0).cells[0].width, row.cell_height);
   for (const std::int64_t frame : row.frames) {
     const std::vector<Eigen::Vector3d> points = some_points(row.actor->pose(frame));
     row.camera->include(points, row.actor->anchor(), row.actor->turn());
@@ -171,15 +176,38 @@ void frame_row(Row& row, std::size_t columns) {
   row.cell_height = row.camera->fit();
 }
 
+/// The bones between joints with roles of a source as it is now posed, at the target's size: its
+/// floor on the target's, its pelvis over the target's.
+std::vector<GhostBone> ghost_bones(const Actor& source, const Actor& target, double scale) {
+  const auto place = [&](std::int32_t j) {
+    return Eigen::Vector3d(scale * (source.model_from_joint[j].translation() + source.shift()));
+  };
+  Eigen::Vector3d over = target.anchor() - place(source.plan().pelvis);
+  over.y() = 0.0;
+  std::vector<GhostBone> bones;
+  for (std::int32_t j = 0; j < source.skeleton().size(); ++j) {
+    if (source.plan().roles[j].empty() || source.plan().fingers[j] >= 0) continue;
+    std::int32_t parent = source.skeleton().parents[j];
+    while (parent != kNoJoint && source.plan().roles[parent].empty()) {
+      parent = source.skeleton().parents[parent];
+    }
+    if (parent != kNoJoint) bones.emplace_back(place(parent) + over, place(j) + over);
+  }
+  return bones;
+}
+
 void draw_row(Canvas& canvas, const Row& row, const ContactSheet& sheet,
-              std::span<const std::int64_t> frames, std::int32_t top) {
-  canvas.text(kMargin, top + 22, row.label, 11, palette::kInk, Align::left, 1.3);
+              std::span<const std::int64_t> frames, std::size_t columns, std::int32_t top) {
+  const Grid grid = grid_of(top + kRowLabel, columns, row.cell_height);
+  const double left = grid.cells[row.first_column].x;
+  canvas.text(left, top + 22, row.label, 11, palette::kInk, Align::left, 1.3);
   const double used = Canvas::text_width(row.label, 11) + 16;
-  canvas.text(kMargin + used, top + 22, Canvas::fitted(row.detail, 9.5, kInnerWidth - used), 9.5,
+  canvas.text(left + used, top + 22,
+              Canvas::fitted(row.detail, 9.5, kMargin + kInnerWidth - left - used), 9.5,
               palette::kMuted);
-  const Grid grid = grid_of(top + kRowLabel, frames.size(), row.cell_height);
   const auto worst = std::max_element(sheet.error_mm.begin(), sheet.error_mm.end());
   for (std::size_t c = 0; c < frames.size(); ++c) {
+    const Box& cell = grid.cells[row.first_column + c];
     CellScene scene;
     scene.surfaces = row.actor->pose(row.frames[c]);
     scene.anchor = row.actor->anchor();
@@ -187,16 +215,21 @@ void draw_row(Canvas& canvas, const Row& row, const ContactSheet& sheet,
     scene.ground = row.view.ground;
     scene.up = row.actor->turn() * row.view.up;
     scene.size = row.size;
-    draw_scene(canvas, grid.cells[c], scene);
+    draw_scene(canvas, cell, scene);
+    if (row.ghost != nullptr) {
+      row.ghost->pose(row.ghost_frames[c]);
+      draw_ghost(canvas, cell, scene.camera,
+                 ghost_bones(*row.ghost, *row.actor, sheet.ghost_scale));
+    }
     const auto f = static_cast<std::size_t>(frames[c]);
     if (row.marks && f < sheet.marks.size()) {
       Camera of_marks = scene.camera;
       of_marks.eye.y() += row.actor->floor_y;
-      draw_marks(canvas, grid.cells[c], of_marks, sheet.marks[f]);
+      draw_marks(canvas, cell, of_marks, sheet.marks[f]);
     }
     const bool is_worst = worst != sheet.error_mm.end() && *worst >= 0.05 &&
                           worst - sheet.error_mm.begin() == frames[c];
-    draw_caption(canvas, grid.cells[c], sheet, frames[c], row.marks, is_worst);
+    draw_caption(canvas, cell, sheet, frames[c], row.marks, is_worst);
   }
 }
 
@@ -214,9 +247,63 @@ std::string detail_of(const Actor& actor) {
 /// What the sheet shows, in rows from the top.
 struct Cast {
   std::unique_ptr<Actor> source, target;
+  std::vector<std::unique_ptr<Actor>> hands;
   std::vector<std::int64_t> frames, source_frames;
   std::vector<Row> rows;
 };
+
+/// Whether the fingers that a plan shows turn anywhere in these frames.
+bool fingers_move(const SheetFigure& figure, const BodyPlan& plan,
+                  std::span<const std::int64_t> frames) {
+  const auto first = figure.clip->frame(frames.front());
+  for (const std::int64_t frame : frames) {
+    const auto now = figure.clip->frame(frame);
+    for (std::size_t j = 0; j < plan.fingers.size(); ++j) {
+      if (plan.fingers[j] < 0) continue;
+      if (rotation_angle(first[j].rotation(), now[j].rotation()) > kFingersMoveRad) return true;
+    }
+  }
+  return false;
+}
+
+/// Every `step`-th of them.
+std::vector<std::int64_t> every(std::size_t step, std::span<const std::int64_t> frames) {
+  std::vector<std::int64_t> out;
+  for (std::size_t i = 0; i < frames.size(); i += step) out.push_back(frames[i]);
+  return out;
+}
+
+/// The hands of two bodies whose fingers move, from near: source above target, left beside right.
+void add_hands(const ContactSheet& sheet, Cast& cast) {
+  std::vector<BodySide> sides;
+  for (const BodySide side : {BodySide::left, BodySide::right}) {
+    const BodyPlan source = hand_plan_of(*sheet.source.character, side),
+                   target = hand_plan_of(*sheet.target.character, side);
+    if (source.crop != kNoJoint && target.crop != kNoJoint &&
+        fingers_move(sheet.source, source, cast.source_frames)) {
+      sides.push_back(side);
+    }
+  }
+  for (const bool of_source : {true, false}) {
+    const SheetFigure& figure = of_source ? sheet.source : sheet.target;
+    for (const BodySide side : sides) {
+      auto hand = std::make_unique<Actor>(
+          figure, hand_plan_of(*figure.character, side),
+          of_source ? std::span<const std::int32_t>{} : std::span(sheet.tinted_joints));
+      const auto frames = every(sides.size(), of_source ? cast.source_frames : cast.frames);
+      turns_much(*hand, frames);
+      hand->followed = true;
+      hand->pose(frames.front());
+      Row row = row_of(hand.get(), of_source ? "SOURCE" : "TARGET",
+                       side == BodySide::left ? "left hand" : "right hand",
+                       front_view(hand->skeleton(), hand->plan(), hand->model_from_joint), frames);
+      row.cell_height = kHandHeight;
+      if (side != sides.front()) row.first_column = (cast.frames.size() + 1) / 2;
+      cast.rows.push_back(std::move(row));
+      cast.hands.push_back(std::move(hand));
+    }
+  }
+}
 
 /// A hand is compared with the source's hand of its side, not with the whole figure.
 BodyPlan plan_of_source(const ContactSheet& sheet, const Actor& target) {
@@ -268,11 +355,31 @@ Cast cast_of(const ContactSheet& sheet) {
   const char* from = target.plan().hand_only ? "from the thumb's side" : "from the side";
   cast.rows.push_back(row_of(&target, "TARGET", detail_of(target), front, cast.frames));
   cast.rows.push_back(row_of(&target, "TARGET", from, side, cast.frames));
+  if (cast.source && sheet.ghost_scale > 0.0 && target.plan().stands &&
+      cast.source->plan().stands) {
+    cast.rows.back().detail += ", the source's bones over it";
+    cast.rows.back().ghost = cast.source.get();
+    cast.rows.back().ghost_frames = cast.source_frames;
+  }
+  if (cast.source && target.plan().stands) add_hands(sheet, cast);
   for (Row& row : cast.rows) {
     row.marks = row.actor == &target;
     frame_row(row, cast.frames.size());
   }
   return cast;
+}
+
+/// [row] its top, and below the last one. Rows that stand beside each other share it.
+std::vector<std::int32_t> tops_of(std::span<const Row> rows, std::int32_t top) {
+  std::vector<std::int32_t> tops;
+  std::int32_t height = 0;
+  for (const Row& row : rows) {
+    if (row.first_column == 0) top += height, height = 0;
+    tops.push_back(top);
+    height = std::max(height, kRowLabel + kCaption + row.cell_height + kRowGap);
+  }
+  tops.push_back(top + height);
+  return tops;
 }
 
 }  // namespace
@@ -283,19 +390,16 @@ Result<Image> render_contact_sheet(const ContactSheet& sheet) {
     return invalid("the source has no frames for its joints");
   }
   const Cast cast = cast_of(sheet);
-  const auto height_of_row = [](const Row& row) {
-    return kRowLabel + kCaption + row.cell_height + kRowGap;
-  };
-  const std::int32_t strips = strips_height(sheet);
-  std::int32_t height = kMargin + kHeadHeight + strips + kMargin;
-  for (const Row& row : cast.rows) height += height_of_row(row);
-  Canvas canvas(kInnerWidth + 2 * kMargin, height, palette::kPage);
+  const std::vector<std::int32_t> tops = tops_of(cast.rows, kMargin + kHeadHeight - 14);
+  const std::int32_t strips = strips_height(sheet), y = tops.back();
+  Canvas canvas(kInnerWidth + 2 * kMargin, y + 14 + strips + kMargin, palette::kPage);
   const Box head{kMargin, kMargin - 8, kInnerWidth, kHeadHeight};
   draw_head(canvas, head, sheet, cast.target->plan());
-  std::int32_t y = kMargin + kHeadHeight - 14;
-  for (const Row& row : cast.rows) {
-    draw_row(canvas, row, sheet, cast.frames, y);
-    y += height_of_row(row);
+  for (std::size_t i = 0; i < cast.rows.size(); ++i) {
+    const Row& row = cast.rows[i];
+    const bool all = row.frames.size() == cast.frames.size();
+    draw_row(canvas, row, sheet, all ? cast.frames : every(2, cast.frames), cast.frames.size(),
+             tops[i]);
   }
   draw_strips(canvas, {kMargin, y + 14, kInnerWidth, strips}, sheet, cast.frames);
   return canvas.take();

@@ -36,6 +36,11 @@ struct EffectorMark {
   Eigen::Vector3d reached;  ///< green
 };
 
+struct LimitTime {
+  std::string joint;
+  double share = 0.0;  ///< of the frames in which it stands on a limit, 0 to 1
+};
+
 struct ContactSheet {
   std::string title;                     ///< e.g. "walk@hero"
   std::string verdict;                   ///< pass, warn, fail
@@ -44,13 +49,18 @@ struct ContactSheet {
   SheetFigure target;
   std::vector<std::vector<EffectorMark>> marks;  ///< [target frame][effector]; may be empty
   std::vector<double> error_mm;  ///< [target frame], worst effector error; may be empty
+  /// [target frame], m/s, of whatever is fastest; the source's at the target's size. May be empty.
+  std::vector<double> speed, source_speed;
   std::vector<std::uint8_t> left_contact, right_contact;  ///< [target frame]; may be empty
   std::vector<std::int64_t> frames;         ///< frames of the target to draw; empty: 10 chosen
   std::vector<std::int32_t> tinted_joints;  ///< joints on a limit somewhere; may be empty
+  std::vector<LimitTime> at_limit;          ///< most first; may be empty
+  /// Size of the source's bones that are drawn over the target, pelvis on pelvis; 0: none.
+  double ghost_scale = 0.0;
 };
 
-/// Draws source and target side by side for 8-12 frames, with captions, marks, an error strip
-/// along time. Same input, same pixels.
+/// Draws source and target side by side for 8-12 frames, close-ups of hands whose fingers move, and
+/// along time the error, the speed and the contacts. Same input, same pixels.
 Result<Image> render_contact_sheet(const ContactSheet&);
 
 }  // namespace limber

@@ -21,7 +21,7 @@ inline constexpr Rgb kInk{24, 32, 46}, kMuted{98, 107, 122}, kFaint{150, 158, 17
 inline constexpr Rgb kLeft{66, 135, 200}, kRight{236, 144, 58};
 inline constexpr Rgb kTarget{214, 40, 40}, kReached{28, 160, 80};
 inline constexpr Rgb kPass{28, 140, 84}, kWarn{206, 124, 14}, kFail{198, 40, 40};
-inline constexpr Rgb kTint{150, 60, 220};
+inline constexpr Rgb kTint{150, 60, 220}, kGhost{24, 52, 110};
 inline constexpr std::array<Rgb, 5> kFingers{
     Rgb{236, 144, 58}, {66, 135, 200}, {60, 172, 156}, {176, 172, 70}, {214, 106, 158}};
 inline constexpr std::array kFingerNames{"thumb", "index", "middle", "ring", "little"};

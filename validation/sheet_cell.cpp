@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "validation/sheet_parts.h"
 
@@ -115,6 +116,29 @@ void draw_marks(Canvas& canvas, const Box& cell, const Camera& camera,
   for (const Seen& s : seen) {
     canvas.disc(s.reached, size - 0.2, {255, 255, 255});
     canvas.disc(s.reached, size - 1.3, palette::kReached);
+  }
+}
+
+void draw_ghost(Canvas& canvas, const Box& cell, const Camera& camera,
+                std::span<const GhostBone> bones) {
+  const auto seen = [&](const Eigen::Vector3d& p) -> std::optional<Eigen::Vector2d> {
+    const Eigen::Vector3d at = camera.project(p);
+    const bool inside = at.z() > 0.0 && at.x() > 3.0 && at.x() < cell.width - 3.0 && at.y() > 3.0 &&
+                        at.y() < cell.height - 3.0;
+    if (!inside) return std::nullopt;
+    return Eigen::Vector2d(cell.x + at.x(), cell.y + at.y());
+  };
+  for (const bool halo : {true, false}) {
+    for (const auto& [from, to] : bones) {
+      const auto a = seen(from), b = seen(to);
+      if (!a || !b) continue;
+      if (halo) {
+        canvas.line(*a, *b, 3.6, {255, 255, 255}, 0.55);
+      } else {
+        canvas.line(*a, *b, 1.8, palette::kGhost, 0.9);
+        canvas.disc(*b, 2.2, palette::kGhost, 0.9);
+      }
+    }
   }
 }
 

@@ -2,6 +2,7 @@
 
 #include <cstdint>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "validation/contact_sheet.h"
@@ -27,6 +28,10 @@ void draw_scene(Canvas&, const Box& cell, const CellScene&);
 /// Targets red, reached green, joined.
 void draw_marks(Canvas&, const Box& cell, const Camera&, std::span<const EffectorMark>);
 
+/// Another figure's bones, seen through: [bone] its two ends in world space.
+using GhostBone = std::pair<Eigen::Vector3d, Eigen::Vector3d>;
+void draw_ghost(Canvas&, const Box& cell, const Camera&, std::span<const GhostBone>);
+
 /// Title, verdict, key figures, legend (of sides, or of a hand's fingers).
 void draw_head(Canvas&, const Box&, const ContactSheet&, const BodyPlan&);
 
@@ -34,8 +39,12 @@ void draw_head(Canvas&, const Box&, const ContactSheet&, const BodyPlan&);
 double draw_legend(Canvas&, const Eigen::Vector2d& right_base, const BodyPlan&, bool marks,
                    bool tinted);
 
-/// Error and contacts along time, with the drawn frames ticked.
+/// Error, speed and contacts along time, with the drawn frames ticked, and beside them the joints
+/// that are most on their limits.
 void draw_strips(Canvas&, const Box&, const ContactSheet&, std::span<const std::int64_t> frames);
 std::int32_t strips_height(const ContactSheet&);
+
+/// Bars for the joints that are most on their limits; as many as fit.
+void draw_limit_bars(Canvas&, const Box&, std::span<const LimitTime>);
 
 }  // namespace limber

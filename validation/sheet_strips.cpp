@@ -1,14 +1,19 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <initializer_list>
+#include <utility>
+#include <vector>
 
 #include "validation/sheet_parts.h"
 
 namespace limber {
 namespace {
 
-constexpr std::int32_t kErrorHeight = 92, kBarHeight = 14, kBarGap = 8, kAxisHeight = 34;
+constexpr std::int32_t kErrorHeight = 92, kSpeedHeight = 64, kLimitsWidth = 430, kBarHeight = 14,
+                       kBarGap = 8, kAxisHeight = 34;
 constexpr std::int32_t kHeadHeight = 30, kGutter = 96, kPadding = 18;
 
 /// The least of the given multiples of a power of ten that is at least v.
@@ -34,40 +39,69 @@ struct TimeAxis {
   }
 };
 
-void draw_error(Canvas& canvas, const TimeAxis& axis, std::int32_t top,
-                const std::vector<double>& error_mm) {
+/// A line of the graph: values of any kind along the frames.
+struct Series {
+  const std::vector<double>* values = nullptr;
+  Rgb color;
+  bool filled = false;
+};
+
+/// The largest value of the frames that a column of pixels covers.
+double value_at(const TimeAxis& axis, int px, const std::vector<double>& values) {
+  const auto last = static_cast<std::int64_t>(values.size()) - 1;
+  const double f = axis.frame_at(axis.x0 + px), half = 0.5 * axis.frame_at(axis.x0 + 1.0);
+  const auto low = std::clamp<std::int64_t>(std::llround(std::ceil(f - half)), 0, last);
+  const auto high = std::clamp<std::int64_t>(std::llround(std::floor(f + half)), 0, last);
+  if (low > high) {  // between two frames
+    const auto a = std::clamp<std::int64_t>(static_cast<std::int64_t>(f), 0, last);
+    const double t = f - static_cast<double>(a);
+    return (1 - t) * values[a] + t * values[std::min(a + 1, last)];
+  }
+  double out = 0.0;
+  for (std::int64_t k = low; k <= high; ++k) out = std::max(out, values[k]);
+  return out;
+}
+
+void draw_graph(Canvas& canvas, const TimeAxis& axis, std::int32_t top, std::int32_t graph_height,
+                std::span<const Series> all) {
   double most = 0.0;
-  for (const double e : error_mm) most = std::isfinite(e) ? std::max(most, e) : most;
+  for (const Series& series : all) {
+    for (const double v : *series.values) most = std::isfinite(v) ? std::max(most, v) : most;
+  }
   const double full = round_above(std::max(most * 1.04, 0.1), {1, 1.5, 2, 2.5, 3, 4, 5, 6, 8});
-  const double bottom = top + kErrorHeight;
-  const auto y_of = [&](double mm) { return bottom - kErrorHeight * std::min(mm / full, 1.0); };
+  const double bottom = top + graph_height;
+  const auto y_of = [&](double v) { return bottom - graph_height * std::min(v / full, 1.0); };
   for (const double part : {0.0, 0.5, 1.0}) {
     canvas.line({axis.x0, y_of(part * full)}, {axis.x0 + axis.width, y_of(part * full)}, 1.0,
                 palette::kRule);
     canvas.text(axis.x0 - 10, y_of(part * full) + 4, fmt::format("{:g}", part * full), 8.5,
                 palette::kMuted, Align::right);
   }
-  // One column per pixel: the largest error of the frames it covers.
-  const auto last = static_cast<std::int64_t>(error_mm.size()) - 1;
-  Eigen::Vector2d before(0, 0);
-  for (int px = 0; px <= static_cast<int>(axis.width); ++px) {
-    const double f = axis.frame_at(axis.x0 + px), half = 0.5 * axis.frame_at(axis.x0 + 1.0);
-    const auto low = std::clamp<std::int64_t>(std::llround(std::ceil(f - half)), 0, last);
-    const auto high = std::clamp<std::int64_t>(std::llround(std::floor(f + half)), 0, last);
-    double e = 0.0;
-    if (low > high) {  // between two frames
-      const auto a = std::clamp<std::int64_t>(static_cast<std::int64_t>(f), 0, last);
-      const double t = f - static_cast<double>(a);
-      e = (1 - t) * error_mm[a] + t * error_mm[std::min(a + 1, last)];
+  for (const Series& series : all) {
+    Eigen::Vector2d before(0, 0);
+    for (int px = 0; px <= static_cast<int>(axis.width); ++px) {
+      double v = value_at(axis, px, *series.values);
+      if (!std::isfinite(v)) v = full;
+      const Eigen::Vector2d now(axis.x0 + px, y_of(v));
+      const auto y = static_cast<std::int32_t>(std::floor(now.y()));
+      if (series.filled) {
+        canvas.fill(
+            {static_cast<std::int32_t>(now.x()), y, 1, static_cast<std::int32_t>(bottom) - y},
+            series.color, 0.14);
+      }
+      if (px > 0) canvas.line(before, now, 1.6, series.color);
+      before = now;
     }
-    for (std::int64_t k = low; k <= high; ++k) e = std::max(e, error_mm[k]);
-    if (!std::isfinite(e)) e = full;
-    const Eigen::Vector2d now(axis.x0 + px, y_of(e));
-    const auto y = static_cast<std::int32_t>(std::floor(now.y()));
-    canvas.fill({static_cast<std::int32_t>(now.x()), y, 1, static_cast<std::int32_t>(bottom) - y},
-                palette::kTarget, 0.14);
-    if (px > 0) canvas.line(before, now, 1.6, palette::kTarget);
-    before = now;
+  }
+}
+
+/// A graph's name, and beside it what its lines are.
+void draw_name(Canvas& canvas, double x, double y, const char* name,
+               std::initializer_list<std::pair<const char*, Rgb>> lines = {}) {
+  x += canvas.text(x, y, name, 10, palette::kInk, Align::left, 1.15) + 28;
+  for (const auto& [word, color] : lines) {
+    canvas.disc({x - 10, y - 4.0}, 4.0, color);
+    x += canvas.text(x, y, word, 9, palette::kMuted) + 28;
   }
 }
 
@@ -124,38 +158,78 @@ bool has_contacts(const ContactSheet& sheet) {
 std::int32_t strips_height(const ContactSheet& sheet) {
   std::int32_t height = 2 * kPadding + kAxisHeight;
   if (!sheet.error_mm.empty()) height += kHeadHeight + kErrorHeight;
+  if (!sheet.speed.empty()) height += 10 + kHeadHeight + kSpeedHeight;
   if (has_contacts(sheet)) height += 10 + kHeadHeight + 2 * kBarHeight + kBarGap;
   return height;
 }
 
-void draw_strips(Canvas& canvas, const Box& box, const ContactSheet& sheet,
+void draw_strips(Canvas& canvas, const Box& whole, const ContactSheet& sheet,
                  std::span<const std::int64_t> frames) {
+  Box box = whole;
+  if (!sheet.at_limit.empty()) {
+    box.width -= kLimitsWidth + 16;
+    draw_limit_bars(canvas, {box.x + box.width + 16, box.y, kLimitsWidth, box.height},
+                    sheet.at_limit);
+  }
   canvas.rounded(box, 10, palette::kCard);
   const Clip& clip = *sheet.target.clip;
   TimeAxis axis{double(box.x + kGutter), double(box.width - kGutter - 28), clip.frames(),
                 clip.rate_hz, clip.start_s};
   std::int32_t y = box.y + kPadding;
   const std::int32_t first = y + kHeadHeight - 6;
-  if (!sheet.error_mm.empty()) {
-    canvas.text(box.x + 20, y + 11, "Largest effector error, mm", 10, palette::kInk, Align::left,
-                1.15);
+  const auto apart = [&] { y += y > box.y + kPadding ? 10 : 0; };
+  const auto graph = [&](std::int32_t graph_height, std::span<const Series> all) {
     y += kHeadHeight;
-    draw_error(canvas, axis, y, sheet.error_mm);
-    y += kErrorHeight;
+    draw_graph(canvas, axis, y, graph_height, all);
+    y += graph_height;
+  };
+  if (!sheet.error_mm.empty()) {
+    draw_name(canvas, box.x + 20, y + 11, "Largest effector error, mm");
+    graph(kErrorHeight, std::array{Series{&sheet.error_mm, palette::kTarget, true}});
+  }
+  if (!sheet.speed.empty()) {
+    apart();
+    draw_name(canvas, box.x + 20, y + 15, "Speed of the fastest of hands, feet and head, m/s",
+              {{"source", palette::kFaint}, {"target", palette::kInk}});
+    std::vector<Series> speeds{{&sheet.speed, palette::kInk}};
+    if (!sheet.source_speed.empty()) {
+      speeds.insert(speeds.begin(), Series{&sheet.source_speed, palette::kFaint});
+    }
+    graph(kSpeedHeight, speeds);
   }
   if (has_contacts(sheet)) {
-    if (!sheet.error_mm.empty()) y += 10;
-    canvas.text(box.x + 20, y + 17, "Foot contacts", 10, palette::kInk, Align::left, 1.15);
+    apart();
+    draw_name(canvas, box.x + 20, y + 17, "Foot contacts");
     y += kHeadHeight;
     draw_bar(canvas, axis, y, "left", palette::kLeft, sheet.left_contact);
     y += kBarHeight + kBarGap;
     draw_bar(canvas, axis, y, "right", palette::kRight, sheet.right_contact);
     y += kBarHeight;
   }
+  const bool bare = y == box.y + kPadding;
   y += 8;
-  draw_ticks(canvas, axis, sheet.error_mm.empty() && !has_contacts(sheet) ? y - 8 : first, y,
-             frames);
+  draw_ticks(canvas, axis, bare ? y - 8 : first, y, frames);
   draw_axis(canvas, axis, y);
+}
+
+void draw_limit_bars(Canvas& canvas, const Box& box, std::span<const LimitTime> joints) {
+  canvas.rounded(box, 10, palette::kCard);
+  canvas.text(box.x + 20, box.y + kPadding + 11, "Joints on a limit, % of frames", 10,
+              palette::kInk, Align::left, 1.15);
+  const std::int32_t first = box.y + kPadding + 28, pitch = 22;
+  const std::int32_t name = 170, left = box.x + 20 + name + 10;
+  const std::int32_t full = box.x + box.width - 62 - left;
+  const auto fit = static_cast<std::size_t>((box.y + box.height - 12 - first) / pitch);
+  for (std::size_t i = 0; i < std::min(fit, joints.size()); ++i) {
+    const std::int32_t y = first + static_cast<std::int32_t>(i) * pitch;
+    canvas.text(left - 10, y + 11, Canvas::fitted(joints[i].joint, 8.5, name), 8.5, palette::kInk,
+                Align::right);
+    canvas.rounded({left, y, full, kBarHeight}, 4, {236, 239, 243});
+    const auto length = static_cast<std::int32_t>(std::lround(full * joints[i].share));
+    canvas.rounded({left, y, std::max(3, length), kBarHeight}, 3, palette::kTint);
+    canvas.text(left + full + 8, y + 11, fmt::format("{:.0f}", 100.0 * joints[i].share), 8.5,
+                palette::kMuted);
+  }
 }
 
 }  // namespace limber

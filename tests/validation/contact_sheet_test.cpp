@@ -415,6 +415,32 @@ TEST(ContactSheet, MarksAndContactsShowOnlyWhereGiven) {
   EXPECT_LT(bare->height, with->height);
 }
 
+TEST(ContactSheet, LimitBarsAreAsLongAsTheShare) {
+  Fixture f;
+  const auto tinted = [&](double share) {
+    f.sheet.at_limit = {{"leftUpperArm", share}};
+    const auto image = render_contact_sheet(f.sheet);
+    EXPECT_TRUE(image.ok());
+    return double(count_of(*image, 150, 60, 220, 12));
+  };
+  const double full = tinted(1.0);
+  EXPECT_GT(full, 1000.0);
+  EXPECT_NEAR(tinted(0.5) / full, 0.5, 0.02);
+}
+
+TEST(ContactSheet, TheSourcesBonesLieOverTheTarget) {
+  Fixture f;
+  const auto ghost_pixels = [&](double scale) {
+    f.sheet.ghost_scale = scale;
+    const auto image = render_contact_sheet(f.sheet);
+    EXPECT_TRUE(image.ok());
+    return count_of(*image, 24, 52, 110, 14);
+  };
+  const auto none = ghost_pixels(0.0), small = ghost_pixels(0.5), full = ghost_pixels(1.0);
+  EXPECT_GT(small, none + 200);
+  EXPECT_GT(full, small + 200);
+}
+
 TEST(ContactSheet, SwappedSidesLookDifferent) {
   const Fixture f;
   Fixture swapped;

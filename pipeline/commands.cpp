@@ -289,7 +289,7 @@ int rig_show(const RigShowArgs& args) {
     fmt::print("{:28} {:10}{}\n", joint.name, to_string(joint.type), limits);
   }
   if (args.sheet.empty()) return kAllPassed;
-  const auto png = draw_file_sheet(dressed->character, nullptr, dressed->rig.name);
+  const auto png = draw_rig_sheet(*dressed);
   const auto written = png ? write_whole(args.sheet, *png) : Result<void>(png.error());
   if (written) return kAllPassed;
   print_error(written.error());

@@ -8,6 +8,7 @@
 #include "validation/contact_detection.h"
 #include "validation/contact_sheet.h"
 #include "validation/limit_check.h"
+#include "validation/rig_sheet.h"
 
 namespace limber {
 namespace {
@@ -137,6 +138,26 @@ Result<std::vector<std::byte>> draw_file_sheet(const Character& character, const
   sheet.target = {&drawn, clip != nullptr ? clip : &rest,
                   clip != nullptr ? clip->name : "rest pose", 1.0, Eigen::Vector3d::Zero()};
   auto image = render_contact_sheet(sheet);
+  if (!image) return image.error();
+  return encode_png(*image);
+}
+
+Result<std::vector<std::byte>> draw_rig_sheet(const DressedRig& dressed) {
+  const std::vector<RigJoint>& joints = dressed.rig.joints;
+  std::vector<DualQuaternion> rows;
+  for (const RigJoint& joint : joints) {
+    rows.push_back(DualQuaternion::from_rotation_translation(joint.rest, joint.offset));
+  }
+  RigSheet sheet;
+  sheet.title = dressed.rig.name;
+  sheet.description = dressed.rig.description;
+  sheet.rig = &dressed.rig;
+  sheet.character = &dressed.character;
+  sheet.joint_of_row = dressed.joint_of_row;
+  sheet.parent_from_joint.resize(dressed.character.skeleton.parents.size());
+  skeleton_local_from_rows(dressed.rig, dressed.joint_of_row, dressed.character.skeleton, rows,
+                           sheet.parent_from_joint);
+  auto image = render_rig_sheet(sheet);
   if (!image) return image.error();
   return encode_png(*image);
 }

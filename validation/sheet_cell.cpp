@@ -73,13 +73,17 @@ void draw_scene(Canvas& canvas, const Box& cell, const CellScene& scene) {
     shadow.soften(2);
     draw_floor(canvas, cell, scene, shadow);
   }
+  draw_through(canvas, cell, scene, 1.0);
+}
+
+void draw_through(Canvas& canvas, const Box& cell, const CellScene& scene, double opacity) {
   Rasteriser raster(cell.width, cell.height, Lighting::for_camera(scene.camera, scene.up));
   for (const Surface& surface : scene.surfaces) raster.draw(surface, scene.camera);
   raster.outline(0.02 * scene.size);
   const Eigen::Vector4i covered = raster.covered();
   for (std::int32_t y = covered[1]; y < std::min(covered[3], cell.height); ++y) {
     for (std::int32_t x = covered[0]; x < std::min(covered[2], cell.width); ++x) {
-      const Eigen::Vector4f p = raster.pixel(x, y);
+      const Eigen::Vector4f p = static_cast<float>(opacity) * raster.pixel(x, y);
       if (p[3] == 0.0F) continue;
       std::uint8_t* out = canvas.at(cell.x + x, cell.y + y);
       for (int k = 0; k < 3; ++k) {

@@ -25,6 +25,9 @@ struct CellScene {
 /// Background, floor grid, shadow and figure.
 void draw_scene(Canvas&, const Box& cell, const CellScene&);
 
+/// The scene's surfaces alone, over what is there already.
+void draw_through(Canvas&, const Box& cell, const CellScene&, double opacity);
+
 /// Targets red, reached green, joined.
 void draw_marks(Canvas&, const Box& cell, const Camera&, std::span<const EffectorMark>);
 

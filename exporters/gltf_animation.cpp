@@ -1,5 +1,7 @@
 #include "exporters/gltf_animation.h"
 
+#include <algorithm>
+
 namespace limber {
 namespace {
 
@@ -63,7 +65,7 @@ void add_animation(Json& document, GltfBuffer& buffer, const Skeleton& skeleton,
                    const NodeSpace& space, const std::vector<JointMotion>& motions) {
   std::vector<float> times;
   for (std::int64_t f = 0; f < clip.frames(); ++f) {
-    times.push_back(static_cast<float>(double(f) / clip.rate_hz));
+    times.push_back(static_cast<float>(std::max(0.0, clip.start_s) + double(f) / clip.rate_hz));
   }
   const std::size_t input = buffer.add_floats(times, "SCALAR", true);
   Json samplers = Json::array(), channels = Json::array();

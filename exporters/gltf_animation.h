@@ -28,7 +28,8 @@ struct JointMotion {
 };
 std::vector<JointMotion> joint_motions(const Skeleton&, const Clip&);
 
-/// Appends one animation: a shared time accessor, linear samplers, key f at f / rate_hz seconds.
+/// Appends one animation: a shared time accessor, linear samplers, key f at start_s + f / rate_hz
+/// seconds (glTF knows no time before 0).
 void add_animation(Json& document, GltfBuffer&, const Skeleton&, const Clip&, const NodeSpace&,
                    const std::vector<JointMotion>&);
 

@@ -94,7 +94,6 @@ Result<void> set_range(const Clip& whole, const JobOptions& options, const Clip&
 /// The same frames of the source, to be measured and drawn beside the result.
 Clip cut(const Clip& clip, const std::pair<std::int64_t, std::int64_t>& range) {
   Clip out = clip;
-  out.start_s = clip.start_s + double(range.first) / clip.rate_hz;
   out.parent_from_joint.assign(clip.parent_from_joint.begin() + range.first * clip.joints,
                                clip.parent_from_joint.begin() + (range.second + 1) * clip.joints);
   return out;

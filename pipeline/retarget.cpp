@@ -255,7 +255,6 @@ void cut(Retargeted& out, std::int64_t first, std::int64_t last) {
   keep(out.self_contacts.pressed);
   keep(out.self_contacts.before_m);
   keep(out.self_contacts.left_m);
-  out.rig_clip.start_s += double(first) / out.rig_clip.rate_hz;
   track.frames = last - first + 1;
 }
 
@@ -322,6 +321,7 @@ Result<void> solve_in_laps(const SourceMotion& source, const Target& target,
     first += options.range->first;
   }
   if (last - first + 1 < out.track.frames) cut(out, first, last);
+  out.rig_clip.start_s = source.clip->start_s;
   return {};
 }
 

@@ -12,6 +12,7 @@
 #include "importers/failure.h"
 #include "importers/file_resolver.h"
 #include "importers/gltf_reader.h"
+#include "importers/memory_pages.h"
 #include "importers/reference_frame.h"
 #include "importers/text_encoding.h"
 
@@ -133,7 +134,7 @@ Result<Imported> dispatch(std::span<const std::byte> bytes, const std::string& e
 Result<void> check_sizes(const Skeleton& skeleton, std::span<const DualQuaternion> poses) {
   constexpr double kEarth_m = 1.3e7;
   for (std::size_t i = 0; i < poses.size(); ++i) {
-    if (2.0 * poses[i].dual.norm() < kEarth_m) continue;  // |t|
+    if (4.0 * poses[i].dual.squaredNorm() < kEarth_m * kEarth_m) continue;  // |t|^2
     const std::size_t joints = skeleton.names.size();
     return Error{.code = "size-absurd",
                  .message = "a joint stands farther from its parent than the Earth is wide",

@@ -101,7 +101,8 @@ std::vector<double> read_times(Document& document, const JsonView& sampler) {
   return times;
 }
 
-void read_sampler(Document& document, const JsonView& sampler, Channel& channel) {
+void read_sampler(Document& document, const JsonView& sampler, Channel& channel,
+                  Warnings& warnings) {
   channel.interpolation = interpolation_of(sampler);
   channel.times = read_times(document, sampler);
   const std::int64_t output = document.index_of(sampler, "output", "accessors");
@@ -114,6 +115,11 @@ void read_sampler(Document& document, const JsonView& sampler, Channel& channel)
          fmt::format("{}: {} keys but {} values", sampler.pointer(), channel.times.size(),
                      channel.values->count),
          "export the animation again");
+  }
+  if (cubic && channel.times.size() < 2) {
+    warnings.push_back({"gltf-too-few-keys",
+                        fmt::format("{}: a cubic spline needs two keys and has {}; its value holds",
+                                    sampler.pointer(), channel.times.size())});
   }
   if (channel.values->integers) sampler.complain("integer values must be normalised");
 }
@@ -148,7 +154,7 @@ std::vector<Channel> read_channels(Document& document, const JsonView& animation
     Channel channel;
     channel.joint = joints.joint_of_node[target->first];
     channel.path = target->second;
-    read_sampler(document, samplers[sampler], channel);
+    read_sampler(document, samplers[sampler], channel, warnings);
     channels.push_back(std::move(channel));
   }
   return channels;

@@ -21,8 +21,15 @@
 
 namespace limber::LIMBER_LANES {
 
+// clang insists that an array of vectors is aligned as they are, which Eigen's are not at every
+// level; GCC takes unaligned ones as they come.
+#ifdef __clang__
+typedef float Floats __attribute__((vector_size(32), may_alias, aligned(16)));
+typedef std::int32_t Bits __attribute__((vector_size(32), may_alias, aligned(16)));
+#else
 typedef float Floats __attribute__((vector_size(32), may_alias));
 typedef std::int32_t Bits __attribute__((vector_size(32), may_alias));
+#endif
 
 /// True (all bits) or false (none) per lane.
 struct Mask {

@@ -141,7 +141,8 @@ double stated_unit_m(Import& import) {
   }
   facts.unit_evidence = import.format == "dae"
                             ? fmt::format("<unit> of {:.6g} m", collada_unit_m(import.text))
-                            : "glTF is in metres";
+                        : import.format == "x" ? "DirectX files state no unit"
+                                               : "glTF is in metres";
   return 1.0;
 }
 

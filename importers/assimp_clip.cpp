@@ -155,7 +155,9 @@ Timing timing_of(const aiAnimation& animation, const std::vector<double>& ticks,
   if (format == "bvh" && !(stated > 0.0 && std::isfinite(stated))) {
     fail("assimp-keys", "the frame time is not a positive number", "correct the line Frame Time");
   }
-  timing.ticks_per_second = stated > 0.0 && std::isfinite(stated) ? stated : framed ? 30.0 : 1000.0;
+  // Where none are stated: Direct3D has 4,800, and assimp's glTF milliseconds.
+  const double usual = framed ? 30.0 : format == "x" ? 4800.0 : 1000.0;
+  timing.ticks_per_second = stated > 0.0 && std::isfinite(stated) ? stated : usual;
   if (framed) {
     const double spacing = format == "fbx" ? even_spacing(ticks) : 0.0;
     if (spacing > 1e-3 && spacing < 0.9) timing.ticks_per_frame = spacing;

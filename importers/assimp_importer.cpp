@@ -12,6 +12,7 @@
 
 #include "importers/assimp_scene.h"
 #include "importers/failure.h"
+#include "importers/fbx_losses.h"
 #include "importers/figure_guess.h"
 #include "importers/joint_names.h"
 
@@ -140,7 +141,8 @@ double stated_unit_m(Import& import) {
   }
   facts.unit_evidence = import.format == "dae"
                             ? fmt::format("<unit> of {:.6g} m", collada_unit_m(import.text))
-                            : "glTF is in metres";
+                        : import.format == "x" ? "DirectX files state no unit"
+                                               : "glTF is in metres";
   return 1.0;
 }
 
@@ -273,6 +275,10 @@ Result<Imported> import_scene(Import& import, const UriResolver& resolver) {
   read_figure(import, resolver);
   size_by_skin(import, resolver);
   set_facts(import);
+  if (import.format == "fbx") {
+    tell_fbx_losses(std::as_bytes(std::span(import.text)), out.clips, import.space.unit_m,
+                    out.warnings);
+  }
   if (auto r = validate(out.character); !r) return r.error();
   for (const Clip& c : out.clips) {
     if (auto r = validate(out.character.skeleton, c); !r) return r.error();

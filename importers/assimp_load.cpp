@@ -85,6 +85,7 @@ void keep_only(Assimp::Importer& importer, std::string_view format) {
   const std::string_view wanted = format == "fbx"   ? "Autodesk FBX Importer"
                                   : format == "dae" ? "Collada Importer"
                                   : format == "bvh" ? "BVH Importer (MoCap)"
+                                  : format == "x"   ? "Direct3D XFile Importer"
                                                     : "glTF2 Importer";
   for (std::size_t i = importer.GetImporterCount(); i-- > 0;) {
     if (importer.GetImporterInfo(i)->mName == wanted) continue;

@@ -9,6 +9,7 @@
 #include <cstdlib>
 
 #include "importers/failure.h"
+#include "importers/plain_number.h"
 
 namespace limber {
 
@@ -114,39 +115,8 @@ class Parser {
     on_passed_(passed_);
   }
 
-  /// Digits with a point among them, few enough that the quotient of two exact numbers is the
-  /// nearest double (Clinger 1990); most numbers are such. False: not of this kind, nothing read.
-  bool read_plain_number(double& value) {
-    static constexpr std::array kPowers = {1e0, 1e1, 1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
-                                           1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15};
-    std::size_t at = at_;
-    const bool negative = at < text_.size() && text_[at] == '-';
-    at += negative;
-    std::uint64_t digits = 0;
-    std::size_t count = 0, decimals = 0;
-    for (bool after_point = false; at < text_.size(); ++at) {
-      const auto digit = static_cast<unsigned>(text_[at] - '0');
-      if (digit < 10) {
-        digits = 10 * digits + digit;
-        ++count;
-        decimals += after_point;
-      } else if (text_[at] == '.' && !after_point) {
-        after_point = true;
-      } else {
-        break;
-      }
-    }
-    if (count == 0 || count > 15 || at == text_.size() || !is_space(text_[at])) return false;
-    const double magnitude = static_cast<double>(digits) / kPowers[decimals];
-    value = negative ? -magnitude : magnitude;
-    at_ = at;
-    return true;
-  }
-
   /// A number at `at_`, which moves behind it; it must end at white space, a brace or the end.
   double read_number(const char* what) {
-    double plain = 0.0;
-    if (read_plain_number(plain)) return plain;
     const char* begin = text_.data() + at_;
     const char* const end = text_.data() + text_.size();
     if (begin != end && *begin == '+') ++begin;
@@ -313,6 +283,7 @@ class Parser {
     std::size_t in_row = 0;
     bool wrapped = false;
     while (true) {
+      in_row = read_plain_values(in_row);
       skip_blanks();
       if (at_ == text_.size()) break;
       if (is_eol(text_[at_])) {
@@ -327,6 +298,22 @@ class Parser {
       ++in_row;
     }
     finish_motion(in_row, wrapped);
+  }
+
+  /// Goes on with the row as long as its values are plain numbers between blanks, which nearly all
+  /// are; returns how many it has then.
+  std::size_t read_plain_values(std::size_t in_row) {
+    const char* const end = text_.data() + text_.size();
+    const char* at = text_.data() + at_;
+    while (in_row < row_.size()) {
+      while (at != end && is_blank(*at)) ++at;
+      const char* const behind = read_plain_number(at, end, row_[in_row]);
+      if (behind == nullptr || !is_space(*behind)) break;
+      at = behind;
+      ++in_row;
+    }
+    at_ = static_cast<std::size_t>(at - text_.data());
+    return in_row;
   }
 
   /// Hands the row on; returns the number of values in the next one.

@@ -352,10 +352,12 @@ void make_canonical(const Skeleton& skeleton, std::span<DualQuaternion> parent_f
                     double unit_m, const Eigen::Quaterniond& canonical_from_file) {
   const DualQuaternion turn = DualQuaternion::from_rotation(canonical_from_file);
   const std::size_t joints = skeleton.parents.size();
-  for (std::size_t i = 0; i < parent_from_joint.size(); ++i) {
-    parent_from_joint[i].dual.coeffs() *= unit_m;
-    if (skeleton.parents[i % joints] == kNoJoint)
-      parent_from_joint[i] = turn * parent_from_joint[i];
+  for (std::size_t begin = 0; begin < parent_from_joint.size(); begin += joints) {
+    for (std::size_t j = 0; j < joints; ++j) {
+      DualQuaternion& q = parent_from_joint[begin + j];
+      q.dual.coeffs() *= unit_m;
+      if (skeleton.parents[j] == kNoJoint) q = turn * q;
+    }
   }
 }
 

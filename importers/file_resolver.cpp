@@ -3,7 +3,6 @@
 #include <fcntl.h>
 #include <fmt/format.h>
 #include <linux/openat2.h>
-#include <sys/mman.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
 #include <unistd.h>
@@ -13,6 +12,8 @@
 #include <cstdint>
 #include <cstring>
 #include <utility>
+
+#include "importers/memory_pages.h"
 
 namespace limber {
 
@@ -56,7 +57,10 @@ Result<Bytes> read_descriptor(int fd, const std::string& name) {
         .message = fmt::format("'{}' has {} bytes; the limit is 2 GiB", name, info.st_size),
         .hint = "split the file"};
   }
-  Bytes bytes(static_cast<std::size_t>(info.st_size));
+  Bytes bytes;
+  bytes.reserve(static_cast<std::size_t>(info.st_size));
+  prefer_large_pages(bytes.data(), bytes.capacity());
+  bytes.resize(static_cast<std::size_t>(info.st_size));
   std::size_t done = 0;
   while (done < bytes.size()) {
     const ssize_t n = ::read(fd, bytes.data() + done, bytes.size() - done);
@@ -233,14 +237,6 @@ Result<Bytes> read_whole_file(const std::filesystem::path& path) {
     return unreadable(fmt::format("'{}': {}", path.string(), strerror(errno)));
   }
   return read_descriptor(file.get(), path.string());
-}
-
-void forget_pages(std::span<std::byte> bytes) {
-  static const auto page = static_cast<std::uintptr_t>(::sysconf(_SC_PAGESIZE));
-  const auto begin = reinterpret_cast<std::uintptr_t>(bytes.data());
-  const std::uintptr_t first = (begin + page - 1) / page * page;
-  const std::uintptr_t end = (begin + bytes.size()) / page * page;
-  if (first < end) ::madvise(reinterpret_cast<void*>(first), end - first, MADV_DONTNEED);
 }
 
 UriResolver folder_resolver(const std::filesystem::path& folder) {

@@ -18,9 +18,6 @@ inline constexpr std::size_t kMaxFileBytes = std::size_t{2} << 30;
 /// A regular file's bytes. Errors: `file-missing`, `file-unreadable`, `file-too-large`.
 Result<std::vector<std::byte>> read_whole_file(const std::filesystem::path&);
 
-/// Gives the memory of whole pages back to the system; they read as zeros from now on.
-void forget_pages(std::span<std::byte> bytes);
-
 /// Reads what a file may refer to: data URIs, and regular files inside `folder`. No scheme but
 /// data:, no absolute path, no "..", no link that leads out. Errors: `uri-refused`, `uri-missing`.
 UriResolver folder_resolver(const std::filesystem::path& folder);

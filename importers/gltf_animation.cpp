@@ -4,9 +4,11 @@
 #include <array>
 #include <cmath>
 #include <set>
+#include <utility>
 
 #include "importers/failure.h"
 #include "importers/gltf_document.h"
+#include "importers/memory_pages.h"
 
 namespace limber::gltf {
 
@@ -28,7 +30,7 @@ struct Channel {
   std::int32_t joint = 0;
   Path path = Path::translation;
   Interpolation interpolation = Interpolation::linear;
-  std::vector<double> times;
+  const std::vector<double>* times = nullptr;  ///< of the document; channels share them
   const Accessor* values = nullptr;
 
   /// Key k's value; of a cubic spline also its tangents (part 0 in, 1 value, 2 out).
@@ -46,13 +48,19 @@ Eigen::Quaterniond as_quaternion(const Eigen::Vector4d& xyzw) {
   return q.norm() > 1e-9 ? q.normalized() : Eigen::Quaterniond::Identity();
 }
 
+/// A channel, and the last key that was not after the time asked for; times rise.
+struct Cursor {
+  const Channel* channel = nullptr;
+  std::size_t key = 0;
+};
+
 /// The value at time t (glTF 2.0, appendix C). Keys within `snap_s` of t count as being at t, so
 /// that a step is taken on its frame although times are rounded.
-Eigen::Vector4d evaluate(const Channel& channel, double t, double snap_s) {
-  const std::vector<double>& times = channel.times;
-  const auto after = std::upper_bound(times.begin(), times.end(), t + snap_s);
-  if (after == times.begin()) return channel.key(0);
-  const auto k = static_cast<std::size_t>(after - times.begin()) - 1;
+Eigen::Vector4d evaluate(Cursor& cursor, double t, double snap_s) {
+  const Channel& channel = *cursor.channel;
+  const std::vector<double>& times = *channel.times;
+  std::size_t& k = cursor.key;
+  while (k + 1 < times.size() && times[k + 1] <= t + snap_s) ++k;
   if (k + 1 == times.size() || t <= times[k] + snap_s ||
       channel.interpolation == Interpolation::step) {
     return channel.key(k);
@@ -86,10 +94,10 @@ Interpolation interpolation_of(const JsonView& sampler) {
   view->complain(fmt::format("'{}' is no interpolation", view->string()));
 }
 
-std::vector<double> read_times(Document& document, const JsonView& sampler) {
+const std::vector<double>& read_times(Document& document, const JsonView& sampler) {
   const std::int64_t input = document.index_of(sampler, "input", "accessors");
   if (input < 0) sampler.complain("'input' is missing");
-  std::vector<double> times = document.accessor(input, {"SCALAR"}).values;
+  const std::vector<double>& times = document.accessor(input, {"SCALAR"}).values;
   for (std::size_t k = 0; k < times.size(); ++k) {
     if (times[k] < 0.0 || (k > 0 && times[k] <= times[k - 1])) {
       fail("gltf-animation",
@@ -101,19 +109,25 @@ std::vector<double> read_times(Document& document, const JsonView& sampler) {
   return times;
 }
 
-void read_sampler(Document& document, const JsonView& sampler, Channel& channel) {
+void read_sampler(Document& document, const JsonView& sampler, Channel& channel,
+                  Warnings& warnings) {
   channel.interpolation = interpolation_of(sampler);
-  channel.times = read_times(document, sampler);
+  channel.times = &read_times(document, sampler);
   const std::int64_t output = document.index_of(sampler, "output", "accessors");
   if (output < 0) sampler.complain("'output' is missing");
   channel.values = channel.path == Path::rotation ? &document.accessor(output, {"VEC4"})
                                                   : &document.accessor(output, {"VEC3"});
   const bool cubic = channel.interpolation == Interpolation::cubicspline;
-  if (channel.values->count != channel.times.size() * (cubic ? 3 : 1)) {
+  if (channel.values->count != channel.times->size() * (cubic ? 3 : 1)) {
     fail("gltf-animation",
-         fmt::format("{}: {} keys but {} values", sampler.pointer(), channel.times.size(),
+         fmt::format("{}: {} keys but {} values", sampler.pointer(), channel.times->size(),
                      channel.values->count),
          "export the animation again");
+  }
+  if (cubic && channel.times->size() < 2) {
+    warnings.push_back({"gltf-too-few-keys",
+                        fmt::format("{}: a cubic spline needs two keys and has {}; its value holds",
+                                    sampler.pointer(), channel.times->size())});
   }
   if (channel.values->integers) sampler.complain("integer values must be normalised");
 }
@@ -148,7 +162,7 @@ std::vector<Channel> read_channels(Document& document, const JsonView& animation
     Channel channel;
     channel.joint = joints.joint_of_node[target->first];
     channel.path = target->second;
-    read_sampler(document, samplers[sampler], channel);
+    read_sampler(document, samplers[sampler], channel, warnings);
     channels.push_back(std::move(channel));
   }
   return channels;
@@ -234,9 +248,11 @@ Sampling choose_sampling(const std::vector<double>& times) {
 }
 
 std::vector<double> union_of_times(const std::vector<Channel>& channels) {
+  std::set<const std::vector<double>*> seen;
   std::vector<double> times;
   for (const Channel& channel : channels) {
-    times.insert(times.end(), channel.times.begin(), channel.times.end());
+    if (!seen.insert(channel.times).second) continue;
+    times.insert(times.end(), channel.times->begin(), channel.times->end());
   }
   std::sort(times.begin(), times.end());
   times.erase(std::unique(times.begin(), times.end(),
@@ -256,7 +272,7 @@ const char* interpolation_name(const std::vector<Channel>& channels) {
 void warn_of_animated_scale(const Channel& channel, const Joints& joints, const Skeleton& skeleton,
                             const std::string& clip, Warnings& warnings) {
   const Eigen::Vector3d rest = joints.own_scale[channel.joint];
-  for (std::size_t k = 0; k < channel.times.size(); ++k) {
+  for (std::size_t k = 0; k < channel.times->size(); ++k) {
     const Eigen::Vector3d scale = channel.key(k).head<3>();
     if ((scale - rest).cwiseAbs().maxCoeff() <= 1e-3 * rest.maxCoeff()) continue;
     warnings.push_back({"scale-animated",
@@ -268,19 +284,30 @@ void warn_of_animated_scale(const Channel& channel, const Joints& joints, const 
   }
 }
 
-void sample_joint(const Scene& scene, const Joints& joints, const Skeleton& skeleton,
-                  std::int32_t joint, const Channel* translation, const Channel* rotation,
-                  const Sampling& sampling, Clip& clip) {
-  const Node& node = scene.nodes[joints.node_of_joint[joint]];
+/// What moves a joint; without a channel it stays as its node has it.
+struct Moved {
+  Cursor translation, rotation;
+};
+
+/// Frame by frame, as the clip lies in memory.
+void sample_frames(const Scene& scene, const Joints& joints, const Skeleton& skeleton,
+                   const Sampling& sampling, std::vector<Moved> moved, Clip& clip) {
   for (std::int64_t f = 0; f < sampling.frames; ++f) {
     const double t = clip.start_s + double(f) / sampling.rate_hz;
-    Eigen::Vector3d position = node.translation;
-    Eigen::Quaterniond turn = node.rotation;
-    if (translation != nullptr) {
-      position = evaluate(*translation, t, sampling.snap_s).head<3>();
+    const std::span<DualQuaternion> pose = clip.frame(f);
+    for (std::int32_t joint = 0; joint < clip.joints; ++joint) {
+      const Node& node = scene.nodes[joints.node_of_joint[joint]];
+      Moved& by = moved[joint];
+      Eigen::Vector3d position = node.translation;
+      Eigen::Quaterniond turn = node.rotation;
+      if (by.translation.channel != nullptr) {
+        position = evaluate(by.translation, t, sampling.snap_s).head<3>();
+      }
+      if (by.rotation.channel != nullptr) {
+        turn = as_quaternion(evaluate(by.rotation, t, sampling.snap_s));
+      }
+      pose[joint] = joints.local(skeleton, joint, position, turn);
     }
-    if (rotation != nullptr) turn = as_quaternion(evaluate(*rotation, t, sampling.snap_s));
-    clip.frame(f)[joint] = joints.local(skeleton, joint, position, turn);
   }
 }
 
@@ -304,17 +331,16 @@ Clip sample_clip(const std::vector<Channel>& channels, const Scene& scene, const
       std::llround(
           std::floor((clip.key_times_s.back() - clip.start_s) * sampling.raw_hz + 1.5 * kOnFrame)) +
       1;
-  std::vector<const Channel*> translation(skeleton.parents.size(), nullptr);
-  std::vector<const Channel*> rotation(skeleton.parents.size(), nullptr);
+  std::vector<Moved> moved(skeleton.parents.size());
   for (const Channel& channel : channels) {
-    if (channel.path == Path::translation) translation[channel.joint] = &channel;
-    if (channel.path == Path::rotation) rotation[channel.joint] = &channel;
+    if (channel.path == Path::translation) moved[channel.joint].translation.channel = &channel;
+    if (channel.path == Path::rotation) moved[channel.joint].rotation.channel = &channel;
   }
-  clip.parent_from_joint.resize(static_cast<std::size_t>(sampling.frames * clip.joints));
-  for (std::int32_t joint = 0; joint < clip.joints; ++joint) {
-    sample_joint(scene, joints, skeleton, joint, translation[joint], rotation[joint], sampling,
-                 clip);
-  }
+  const auto samples = static_cast<std::size_t>(sampling.frames * clip.joints);
+  clip.parent_from_joint.reserve(samples);
+  prefer_large_pages(clip.parent_from_joint.data(), samples * sizeof(DualQuaternion));
+  clip.parent_from_joint.resize(samples);
+  sample_frames(scene, joints, skeleton, sampling, std::move(moved), clip);
   make_signs_continuous(clip);
   return clip;
 }

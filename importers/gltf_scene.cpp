@@ -139,6 +139,37 @@ Skin read_skin(Document& document, std::size_t index, std::size_t nodes) {
   return skin;
 }
 
+/// Whether all joints are `top` or below it.
+bool all_below(const Scene& scene, std::int32_t top, const std::vector<std::int32_t>& joints) {
+  std::vector<std::uint8_t> below(scene.nodes.size(), 0);
+  std::vector<std::int32_t> open = {top};
+  while (!open.empty()) {
+    const std::int32_t node = open.back();
+    open.pop_back();
+    below[node] = 1;
+    open.insert(open.end(), scene.nodes[node].children.begin(), scene.nodes[node].children.end());
+  }
+  return std::all_of(joints.begin(), joints.end(), [&](std::int32_t j) { return below[j] != 0; });
+}
+
+/// glTF 2.0, section 3.7.3.2: a skin's joints have a common root, and `skeleton`, where it is
+/// given, is that root or above it. We need neither; whoever wrote the file may have meant another.
+void check_roots(const JsonView& view, const Scene& scene, const Skin& skin, std::int64_t skeleton,
+                 Warnings& warnings) {
+  std::int32_t root = skin.joints.front();
+  while (scene.nodes[root].parent >= 0) root = scene.nodes[root].parent;
+  if (!all_below(scene, root, skin.joints)) {
+    warnings.push_back({"gltf-skin-roots", view.pointer() + ": the joints have no common root; "
+                                                            "each tree was kept"});
+  }
+  if (skeleton >= 0 && !all_below(scene, static_cast<std::int32_t>(skeleton), skin.joints)) {
+    warnings.push_back({"gltf-skin-roots",
+                        fmt::format("{}: 'skeleton' is node {}, which is not above all joints; it "
+                                    "was ignored",
+                                    view.pointer(), skeleton)});
+  }
+}
+
 /// VRM 0 names the thumb's joints one step further out than VRM 1.
 std::string role_of_vrm0(const std::string& bone) {
   for (const char* side : {"left", "right"}) {
@@ -185,6 +216,9 @@ Scene read_scene(Document& document, Warnings& warnings) {
   link_children(document, scene.nodes);
   for (std::size_t i = 0; i < document.count("skins"); ++i) {
     scene.skins.push_back(read_skin(document, i, total));
+    const JsonView view = document.item("skins", static_cast<std::int64_t>(i));
+    check_roots(view, scene, scene.skins.back(), document.index_of(view, "skeleton", "nodes"),
+                warnings);
   }
   read_vrm_roles(document, scene);
   return scene;

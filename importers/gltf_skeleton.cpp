@@ -74,6 +74,12 @@ void fill_names(const Scene& scene, const Joints& joints, Skeleton& skeleton, Wa
     generated.push_back(name.empty() ? 1 : 0);
     skeleton.names.push_back(name.empty() ? "node_" + std::to_string(node) : name);
   }
+  const auto unnamed = std::count(generated.begin(), generated.end(), 1);
+  if (unnamed > 0) {
+    warnings.push_back(
+        {"joint-unnamed", fmt::format("{} of {} joints have no name; they are called 'node_N'",
+                                      unnamed, generated.size())});
+  }
   make_names_valid(skeleton.names, generated, "node_", warnings);
 }
 

@@ -12,6 +12,7 @@
 #include "importers/failure.h"
 #include "importers/file_resolver.h"
 #include "importers/gltf_reader.h"
+#include "importers/memory_pages.h"
 #include "importers/reference_frame.h"
 #include "importers/text_encoding.h"
 
@@ -20,7 +21,7 @@ namespace limber {
 namespace {
 
 /// What assimp reads soundly enough to offer (see docs), besides our own bvh, gltf, glb and vrm.
-constexpr std::array kAssimpExtensions = {"fbx", "dae"};
+constexpr std::array kAssimpExtensions = {"fbx", "dae", "x"};
 constexpr std::array kOwnExtensions = {"bvh", "gltf", "glb", "vrm"};
 
 std::string lower_case(std::string_view text) {
@@ -64,11 +65,13 @@ const char* known_stranger(std::string_view text) {
   return nullptr;
 }
 
-/// The family that the content shows: "bvh", "glb", "gltf", "fbx", "dae" or "" (not recognised).
+/// The family that the content shows: "bvh", "glb", "gltf", "fbx", "dae", "x" or "" (not
+/// recognised).
 std::string content_family(std::string_view text) {
   const std::string_view head = opening(text);
   if (text.starts_with("glTF")) return "glb";
   if (text.starts_with("Kaydara FBX Binary") || head.starts_with("; FBX")) return "fbx";
+  if (text.starts_with("xof ")) return "x";
   if (starts_with_any_case(head, "hierarchy")) return "bvh";
   if (head.starts_with("{")) return "gltf";
   if (head.starts_with("<") && head.substr(0, 4096).find("<COLLADA") != std::string_view::npos) {
@@ -133,7 +136,7 @@ Result<Imported> dispatch(std::span<const std::byte> bytes, const std::string& e
 Result<void> check_sizes(const Skeleton& skeleton, std::span<const DualQuaternion> poses) {
   constexpr double kEarth_m = 1.3e7;
   for (std::size_t i = 0; i < poses.size(); ++i) {
-    if (2.0 * poses[i].dual.norm() < kEarth_m) continue;  // |t|
+    if (4.0 * poses[i].dual.squaredNorm() < kEarth_m * kEarth_m) continue;  // |t|^2
     const std::size_t joints = skeleton.names.size();
     return Error{.code = "size-absurd",
                  .message = "a joint stands farther from its parent than the Earth is wide",
@@ -164,14 +167,44 @@ Error with_clean_text(Error error) {
   return error;
 }
 
+/// Why files of a kind are not read, where there is more to say than that.
+const char* reason_against(std::string_view kind) {
+  struct Refusal {
+    std::string_view kind;
+    const char* reason;
+  };
+  constexpr const char* kSurface = "they hold surfaces, neither joints nor motion";
+  constexpr const char* kUnsafe = "damaged ones crash the reader that assimp has for them";
+  constexpr const char* kProject = "they are an editor's own: export GLB or FBX from it";
+  constexpr auto kRefusals = std::to_array<Refusal>({{"obj", kSurface},
+                                                     {"stl", kSurface},
+                                                     {"ply", kSurface},
+                                                     {"off", kSurface},
+                                                     {"md5mesh", kUnsafe},
+                                                     {"md5anim", kUnsafe},
+                                                     {"mdl", kUnsafe},
+                                                     {"smd", kUnsafe},
+                                                     {"blend", kProject},
+                                                     {"ma", kProject},
+                                                     {"mb", kProject},
+                                                     {"max", kProject}});
+  for (const Refusal& refusal : kRefusals) {
+    if (refusal.kind == kind) return refusal.reason;
+  }
+  return nullptr;
+}
+
 Result<Imported> import_checked(std::span<const std::byte> bytes, std::string_view extension,
                                 const UriResolver& resolver, const ImportOptions& options) {
   const std::string kind = lower_case(extension);
   const std::vector<std::string> readable = readable_extensions();
   if (std::find(readable.begin(), readable.end(), kind) == readable.end()) {
-    return Error{.code = "format-unknown",
-                 .message = fmt::format("files called .{} cannot be read", kind),
-                 .hint = fmt::format("readable are {}", fmt::join(readable, ", "))};
+    const char* const reason = reason_against(kind);
+    return Error{
+        .code = "format-unknown",
+        .message = fmt::format("files called .{} cannot be read{}{}", kind,
+                               reason != nullptr ? ": " : "", reason != nullptr ? reason : ""),
+        .hint = fmt::format("readable are {}", fmt::join(readable, ", "))};
   }
   const std::optional<std::string> converted = from_utf16(as_text(bytes));
   if (converted) bytes = std::as_bytes(std::span(*converted));

@@ -31,9 +31,9 @@ constexpr double kMinConfidence = 0.6;
 /// Import warnings that tell of something lost or invented; the others tell of a harmless repair.
 bool tells_of_a_loss(const Warning& warning) {
   static const std::set<std::string, std::less<>> kLosses = {
-      "bvh-partial-frame", "bvh-frame-count",   "mesh-invalid", "scale-animated",
-      "scale-mirrored",    "scale-not-uniform", "scale-zero",   "unit-implausible",
-      "weights-invalid",   "weights-missing"};
+      "bvh-partial-frame", "bvh-frame-count",  "fbx-layers",      "fbx-tangents",
+      "mesh-invalid",      "scale-animated",   "scale-mirrored",  "scale-not-uniform",
+      "scale-zero",        "unit-implausible", "weights-invalid", "weights-missing"};
   return kLosses.contains(warning.code);
 }
 

@@ -21,8 +21,15 @@
 
 namespace limber::LIMBER_LANES {
 
+// clang insists that an array of vectors is aligned as they are, which Eigen's are not at every
+// level; GCC takes unaligned ones as they come.
+#ifdef __clang__
+typedef float Floats __attribute__((vector_size(32), may_alias, aligned(16)));
+typedef std::int32_t Bits __attribute__((vector_size(32), may_alias, aligned(16)));
+#else
 typedef float Floats __attribute__((vector_size(32), may_alias));
 typedef std::int32_t Bits __attribute__((vector_size(32), may_alias));
+#endif
 
 /// True (all bits) or false (none) per lane.
 struct Mask {
@@ -128,15 +135,14 @@ inline void set_half(Lane& a, int half, const Doubles& d) {
 
 /// rows[i][j] <-> rows[j][i]
 inline void transpose(Doubles (&rows)[4]) {
-  typedef std::int64_t Order __attribute__((vector_size(32)));
-  const Doubles a = __builtin_shuffle(rows[0], rows[1], Order{0, 4, 2, 6});
-  const Doubles b = __builtin_shuffle(rows[0], rows[1], Order{1, 5, 3, 7});
-  const Doubles c = __builtin_shuffle(rows[2], rows[3], Order{0, 4, 2, 6});
-  const Doubles d = __builtin_shuffle(rows[2], rows[3], Order{1, 5, 3, 7});
-  rows[0] = __builtin_shuffle(a, c, Order{0, 1, 4, 5});
-  rows[1] = __builtin_shuffle(b, d, Order{0, 1, 4, 5});
-  rows[2] = __builtin_shuffle(a, c, Order{2, 3, 6, 7});
-  rows[3] = __builtin_shuffle(b, d, Order{2, 3, 6, 7});
+  const Doubles a = __builtin_shufflevector(rows[0], rows[1], 0, 4, 2, 6);
+  const Doubles b = __builtin_shufflevector(rows[0], rows[1], 1, 5, 3, 7);
+  const Doubles c = __builtin_shufflevector(rows[2], rows[3], 0, 4, 2, 6);
+  const Doubles d = __builtin_shufflevector(rows[2], rows[3], 1, 5, 3, 7);
+  rows[0] = __builtin_shufflevector(a, c, 0, 1, 4, 5);
+  rows[1] = __builtin_shufflevector(b, d, 0, 1, 4, 5);
+  rows[2] = __builtin_shufflevector(a, c, 2, 3, 6, 7);
+  rows[3] = __builtin_shufflevector(b, d, 2, 3, 6, 7);
 }
 
 }  // namespace limber::LIMBER_LANES

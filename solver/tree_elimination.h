@@ -92,7 +92,6 @@ class TreeElimination {
   const IkKinematics* kinematics_ = nullptr;
   const EffectorLoad* load_ = nullptr;
   const double* wish_ = nullptr;
-  const RowPush* push_ = nullptr;
   std::vector<Vector6> felt_;        ///< [node] scratch of respond
   std::vector<Lock> lock_;           ///< [coordinate]
   std::vector<SwingLock> swing_;     ///< [node]

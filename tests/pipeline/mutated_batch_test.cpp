@@ -66,7 +66,7 @@ std::map<std::string, std::vector<std::string>> seeds() {
                                         limber_test::shared("mocap_other")};
   std::map<std::string, std::vector<std::string>> all = {
       {"bvh", {short_clip(0), short_clip(50)}}, {"glb", {glb}}, {"gltf", {glb.substr(20, length)}}};
-  for (const char* format : {"glb", "gltf", "fbx", "dae"}) {
+  for (const char* format : {"glb", "gltf", "fbx", "dae", "x"}) {
     for (std::string& text : files_with(std::string(".") + format, models)) {
       all[format].push_back(std::move(text));
     }

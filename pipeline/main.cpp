@@ -193,8 +193,9 @@ class Program {
     c->add_option("--collision", collision_, "keep body parts apart")->check(on_off);
     c->add_option("--root", root_, "root motion: scale with leg length, keep, or in-place")
         ->check(CLI::IsMember({"scale", "keep", "in-place"}));
-    c->add_option("--refine", refine_, "none, or frame: measure the gap to Ceres")
-        ->check(CLI::IsMember({"none", "frame"}));
+    c->add_option("--refine", refine_,
+                  "none; frame: measure the gap to Ceres; clip: the whole clip's optimum")
+        ->check(CLI::IsMember({"none", "frame", "clip"}));
     c->add_option("--solver", solver_)->check(CLI::IsMember({"pgs", "pgs-paper", "ceres"}));
     c->add_option("--reference", reference_, "source's T-pose from: rest, bind, frame:N, motion");
     c->add_option("--fingers", fingers_, "fingers that the source lacks")
@@ -228,7 +229,9 @@ class Program {
                              : root_ == "keep" ? RootMode::keep
                                                : RootMode::in_place;
     options.effectors.fingers = fingers_ == "curl" ? FingerMode::curl : FingerMode::rest;
-    options.refine = refine_ == "none" ? RefineMode::none : RefineMode::frame;
+    options.refine = refine_ == "none"   ? RefineMode::none
+                     : refine_ == "clip" ? RefineMode::clip
+                                         : RefineMode::frame;
     options.solver = solver_named(solver_);
     job.sandbox = sandbox_ == "auto"  ? SandboxMode::automatic
                   : sandbox_ == "off" ? SandboxMode::off

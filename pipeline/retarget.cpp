@@ -235,6 +235,18 @@ Result<void> measure_gap(Retargeted& out) {
   return {};
 }
 
+/// The gap is that of the solver's answer; what takes its place weighs neighbours, too.
+Result<void> replace_by_optimum(const SourceMotion& source, const Target& target, Retargeted& out) {
+  measure_errors(out);
+  if (auto r = measure_gap(out); !r) return r;
+  out.errors.clear();
+  out.worst_error_mm.clear();
+  auto refined = refine_clip(source, target, out.rig, out.track, out.rig_clip);
+  if (!refined) return refined.error();
+  out.refine.clip = std::move(*refined);
+  return {};
+}
+
 /// Keeps the frames [first, last] of a solved clip.
 void cut(Retargeted& out, std::int64_t first, std::int64_t last) {
   EffectorTrack& track = out.track;
@@ -272,6 +284,9 @@ Result<Retargeted> retarget_clip(const SourceMotion& source, const Target& targe
   out.rig_clip.start_s = source.clip->start_s;
   out.rig_clip.name = source.clip->name;
   if (auto r = ClipSolver(options, out).run(); !r) return r.error();
+  if (options.refine == RefineMode::clip) {
+    if (auto r = replace_by_optimum(source, target, out); !r) return r.error();
+  }
   if (options.collision) {
     auto contacts = keep_parts_apart(source, target, out.rig, out.track, out.rig_clip);
     if (!contacts) return contacts.error();
@@ -279,19 +294,13 @@ Result<Retargeted> retarget_clip(const SourceMotion& source, const Target& targe
   }
   if (options.range) cut(out, options.range->first, options.range->second);
 
-  out.clip = out.rig_clip;
-  out.clip.joints = target.character.skeleton.size();
-  out.clip.parent_from_joint.resize(std::size_t(out.track.frames) * out.clip.joints);
-  for (std::int64_t f = 0; f < out.track.frames; ++f) {
-    skeleton_local_from_rig(target, out.rig_clip.frame(f), out.clip.frame(f));
-  }
-  make_signs_continuous(out.clip);
+  out.clip = clip_on_skeleton(target, out.rig_clip);
   measure_errors(out);
   if (options.limits) {
     find_bent_joints(out);
     find_joints_at_limit(out);
   }
-  if (options.refine != RefineMode::none) {
+  if (options.refine == RefineMode::frame) {
     if (auto r = measure_gap(out); !r) return r.error();
   }
   return out;

@@ -134,11 +134,11 @@ void expect_jacobian_meets_differences(const Rig& rig) {
       std::vector<EffectorTarget> targets = targets_at(rig, random_pose(rig, random, 0.8));
       targets[1].weight = 0.4;
       EffectorProblem problem(rig, targets);
-      problem.start_from(random_pose(rig, random, reach));
+      problem.chart().start_from(random_pose(rig, random, reach));
       Eigen::VectorXd residual, ahead, behind;
       Eigen::MatrixXd jacobian;
       // Away from the reference of the unlimited rotations, too.
-      Eigen::VectorXd x = problem.x();
+      Eigen::VectorXd x = problem.chart().x();
       x.segment<3>(3) += Vector3d(0.2, -0.3, 0.1);
       x.tail<3>() += Vector3d(-0.1, 0.3, 0.2);
       problem.evaluate(x, residual, &jacobian);

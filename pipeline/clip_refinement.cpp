@@ -1,8 +1,10 @@
 #include "pipeline/clip_refinement.h"
 
 #include <algorithm>
+#include <cmath>
 
 #include "pipeline/measure.h"
+#include "pipeline/smooth_cover.h"
 #include "validation/contact_detection.h"
 
 namespace limber {
@@ -11,6 +13,7 @@ namespace {
 using Track = std::vector<Eigen::Vector3d>;
 
 constexpr double kReferenceStature = 1.75;  // m, of the person that contacts are told for
+constexpr double kReferenceS = 0.08;        // half window of what counts as how the clip moves
 
 Track track_of(const SourceMotion& source, std::int32_t joint) {
   Track track;
@@ -49,6 +52,30 @@ void add_standing(const SourceMotion& source, const Target& target, Role left,
   }
 }
 
+/// The clip without what is faster than the window: how the refined one is to move, but for what
+/// holds it.
+Clip calmed(const Clip& clip) {
+  Clip out = clip;
+  make_signs_continuous(out);
+  const std::vector<double> window =
+      smooth_window(std::max<std::int64_t>(1, std::lround(kReferenceS * clip.rate_hz)));
+  std::vector<Eigen::Vector4d> turn(std::size_t(clip.frames()));
+  std::vector<Eigen::Vector3d> place(turn.size());
+  for (std::int32_t i = 0; i < clip.joints; ++i) {
+    for (std::int64_t f = 0; f < clip.frames(); ++f) {
+      turn[f] = out.frame(f)[i].real.coeffs();
+      place[f] = out.frame(f)[i].translation();
+    }
+    turn = smooth_mean<Eigen::Vector4d>(turn, window);
+    place = smooth_mean<Eigen::Vector3d>(place, window);
+    for (std::int64_t f = 0; f < clip.frames(); ++f) {
+      out.frame(f)[i] = DualQuaternion::from_rotation_translation(
+          Eigen::Quaterniond(turn[f]).normalized(), place[f]);
+    }
+  }
+  return out;
+}
+
 }  // namespace
 
 Clip clip_on_skeleton(const Target& target, const Clip& rig_clip) {
@@ -64,8 +91,11 @@ Clip clip_on_skeleton(const Target& target, const Clip& rig_clip) {
 
 Result<ClipRefinement> refine_clip(const SourceMotion& source, const Target& target, const Rig& rig,
                                    const EffectorTrack& track, Clip& clip) {
-  ClipGoals goals{
-      .targets = track.targets, .standing = {}, .reference = track.guess, .rate_hz = clip.rate_hz};
+  const Clip reference = calmed(clip);
+  ClipGoals goals{.targets = track.targets,
+                  .standing = {},
+                  .reference = reference.parent_from_joint,
+                  .rate_hz = clip.rate_hz};
   if (source.figure->is_body() && target.figure.is_body()) {
     add_standing(source, target, Role::leftFoot, goals.standing);
     add_standing(source, target, Role::leftToes, goals.standing);

@@ -253,6 +253,11 @@ class ClipJob {
       warn("solver-gap", fmt::format("Ceres found poses {:.1f} % better (95th percentile)",
                                      percentile(gaps, 95.0)));
     }
+    if (const auto& refined = record_.result->refine.clip; refined && !refined->report.improved) {
+      record_.warnings.push_back({"refine-kept",
+                                  "the whole clip's optimum is no better than what "
+                                  "the solver found; that was kept"});
+    }
     const double missed = 1e-3 * percentile(record_.result->worst_error_mm, 95.0);
     if (target_.figure.is_body() && missed > kWarnMissed * target_.calibration.height) {
       warn("effectors-missed",

@@ -78,7 +78,8 @@ struct Retargeted {
 };
 
 /// Retargets one clip: extracts effectors, solves every frame within limits, measures the gap to
-/// Ceres or puts the whole clip's optimum in its place. The source's clip must be on its character's skeleton.
+/// Ceres or puts the whole clip's optimum in its place. The source's clip must be on its
+/// character's skeleton.
 Result<Retargeted> retarget_clip(const SourceMotion&, const Target&, const RetargetOptions&);
 
 }  // namespace limber

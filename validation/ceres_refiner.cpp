@@ -79,7 +79,8 @@ std::vector<int> free_coordinates(const EffectorProblem& problem) {
   const Eigen::VectorXd gradient = jacobian.transpose() * residual;
   std::vector<int> free;
   for (int k = 0; k < gradient.size(); ++k) {
-    const double x = problem.chart().x()[k], low = problem.chart().lower()[k], high = problem.chart().upper()[k];
+    const double x = problem.chart().x()[k], low = problem.chart().lower()[k],
+                 high = problem.chart().upper()[k];
     const bool locked = high - low <= 2.0 * kOnBound;
     const bool held_low = x <= low + kOnBound && gradient[k] > -kSlope;
     const bool held_high = x >= high - kOnBound && gradient[k] < kSlope;

@@ -5,17 +5,17 @@
 // E is the solver's own effector cost of each frame. C holds what stands where it stands: for every
 // point in contact, contact^2 times its squared horizontal distance from the contact's place.
 //
-// The last term is smoothness of what the retarget changed. The reference is the source's own
-// rotations on the target's bones; it breaks limits and slides, but it moves as the performer did.
-// m are the deviations from it: of joints and effector points p, and of joints' turns,
+// The last term is smoothness: of how the clip departs from a reference, the solver's own answer
+// without what is faster than a short window. Bending as the reference does costs nothing, so a
+// kick stays a kick; what the solver's frames did each for itself, where a limit or a contact took
+// hold, is spread. m are the departures, of effector points p and of joints' turns,
 //
 //   m = (p - p_ref, r log(R_ref' R)),
 //
-// r a radius in m per rad. A jump or an impact of the source is no deviation and costs nothing;
-// what a limit or a contact takes hold of comes and goes smoothly. With w = (s rate)^2 the sum is
-// that of |s^2 m''|^2, whatever the rate: a deviation a sin(t / s) costs as much by being there as
-// an effector of weight 1 costs by being a away. Slower ones are hardly felt, faster ones fall with
-// the fourth power of their frequency: a smoothing spline (Reinsch 1967), with limits.
+// r a radius in m per rad. With w = (s rate)^2 the sum is that of |s^2 m''|^2, whatever the rate: a
+// departure a sin(t / s) costs as much by its bends as an effector of weight 1 would cost by being
+// a away. Slower ones are hardly felt, faster ones fall with the fourth power of their frequency: a
+// smoothing spline (Reinsch 1967), with limits.
 //
 // The rotation row's Jacobian: R = rest R_x, and R_x becomes exp(w) R_x, so R_ref' R becomes
 // R_ref' R exp(R_x' w) and its logarithm d changes by Jr^-1(d) R_x' w. All the other rows are those

@@ -25,14 +25,14 @@ struct StandingPoint {
 struct ClipGoals {
   std::span<const EffectorTarget> targets;    ///< [frame * effectors + effector]
   std::vector<StandingPoint> standing;        ///< on horizontal ground
-  std::span<const DualQuaternion> reference;  ///< [frame * joints + joint] moves as it should
+  std::span<const DualQuaternion> reference;  ///< [frame * joints + joint] bends as it should
   double rate_hz = 60.0;
 };
 
 /// Weights of what is asked for beyond the effectors.
 struct ClipWeights {
   double contact = 60.0;      ///< of a standing point's horizontal distance from its place
-  double smooth_s = 0.03;     ///< 1 / angular frequency (rad/s) above which deviations are smoothed
+  double smooth_s = 0.025;    ///< 1 / angular frequency (rad/s) above which departures are smoothed
   double turn_radius = 0.25;  ///< m per rad, of joints' turns in what is smoothed
 };
 

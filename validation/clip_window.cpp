@@ -1,6 +1,6 @@
 // One parameter block per frame: its free coordinates, box bounds. Residual blocks: a frame's pull
-// (1 frame), and w (m(f-1) - 2 m(f) + m(f+1)) (3 frames). So J'J is block-pentadiagonal in time, and
-// its factor, in the order of the frames, fills nothing outside the band: time and memory are
+// (1 frame), and w (m(f-1) - 2 m(f) + m(f+1)) (3 frames). So J'J is block-pentadiagonal in time,
+// and its factor, in the order of the frames, fills nothing outside the band: time and memory are
 // linear in the frames.
 //
 // The factorisation is Eigen's simplicial LDL', not SuiteSparse: SuiteSparse calls the BLAS that

@@ -24,7 +24,7 @@ class ClipWindow {
   struct Frame {
     std::int64_t index = 0;
     EffectorProblem problem;
-    std::vector<int> free;  ///< coordinates that may move; empty for frames around the window
+    std::vector<int> free;       ///< coordinates that may move; empty for frames around the window
     std::vector<double> values;  ///< of those, Ceres's own
     ClipProblem::Rows rows;
   };

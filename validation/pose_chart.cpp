@@ -9,9 +9,9 @@
 namespace limber {
 namespace {
 
-constexpr double kCentreReach = 0.7;      // the square inside the unit disc
-constexpr double kPolarFrom = 0.5;        // disc radius from which the polar chart is used
-constexpr double kPolarReach = 0.2;       // and how far in it may go
+constexpr double kCentreReach = 0.7;  // the square inside the unit disc
+constexpr double kPolarFrom = 0.5;    // disc radius from which the polar chart is used
+constexpr double kPolarReach = 0.2;   // and how far in it may go
 const double kInfinity = std::numeric_limits<double>::infinity();
 
 bool unlimited_rotation(const RigJoint& joint) {
@@ -124,7 +124,7 @@ void PoseChart::rechart() {
 }
 
 int PoseChart::ball_rotation(std::int32_t i, const double* x, Eigen::Quaterniond& r,
-                                   Eigen::Matrix3d* columns) const {
+                             Eigen::Matrix3d* columns) const {
   const RigJoint& joint = rig_->joints[i];
   const Eigen::Vector2d disc = disc_point(i, x);
   const Eigen::Vector2d bound(swing_bound(joint.limits[0], disc[0]),
@@ -150,7 +150,7 @@ int PoseChart::ball_rotation(std::int32_t i, const double* x, Eigen::Quaterniond
 }
 
 int PoseChart::rotation(std::int32_t i, const double* x, Eigen::Quaterniond& r,
-                              Eigen::Matrix3d* columns) const {
+                        Eigen::Matrix3d* columns) const {
   const RigJoint& joint = rig_->joints[i];
   if (unlimited_rotation(joint)) {
     const Eigen::Vector3d v = Eigen::Map<const Eigen::Vector3d>(x + dof_count(joint.type) - 3);
@@ -169,8 +169,7 @@ int PoseChart::rotation(std::int32_t i, const double* x, Eigen::Quaterniond& r,
   return 2;
 }
 
-void PoseChart::pose(const Eigen::VectorXd& x,
-                           std::span<DualQuaternion> parent_from_joint) const {
+void PoseChart::pose(const Eigen::VectorXd& x, std::span<DualQuaternion> parent_from_joint) const {
   for (std::int32_t i = 0; i < rig_->size(); ++i) {
     const RigJoint& joint = rig_->joints[i];
     const double* xi = x.data() + begin_[i];

@@ -284,10 +284,16 @@ class Program {
     c->add_option("file", validate_.file)->required();
     c->add_option("--source", validate_.source, "the clip it was made from")->required();
     c->add_option("--rig", validate_.rig, "whose limits count; default: the file's own figure");
+    c->add_option("--clip", validate_.clip, "the source's clip of this name");
+    c->add_option("--range", range_, "only the source's frames FIRST:LAST");
+    c->add_option("--map", validate_.map, "a map file, for the source's joints");
     c->add_option("--gates", validate_.gates,
                   "levels that figures must keep; a file, or `default`");
     c->add_flag("--json", validate_.json);
-    c->callback([this] { code_ = validate_command(validate_); });
+    c->callback([this] {
+      if (!range_.empty()) validate_.range = parse_range(range_);
+      code_ = validate_command(validate_);
+    });
   }
 
   void add_sheet() {

@@ -9,8 +9,8 @@ namespace limber {
 
 struct ClipRefineOptions {
   ClipWeights weights{};
-  std::int64_t window = 120;  ///< frames that are solved at once,
-  std::int64_t overlap = 30;  ///< and how many of them once more with the next window
+  std::int64_t window = 160;  ///< frames that are solved at once,
+  std::int64_t overlap = 24;  ///< and how many of them once more with the next window
   int rounds = 4;             ///< in each of which bounds are held or let go anew
   int iterations = 8;         ///< per round, at most
   double enough = 1e-2;       ///< relative fall of a window's cost per round that still counts

@@ -289,7 +289,8 @@ void add_result(json& out, const ClipRecord& record) {
           {"output", rounded(record.metrics->jerk_p99_output)}}},
         {"pops", record.metrics->pops}};
   }
-  if (!result.refine.frames.empty()) out["refine"] = refine_json(result.refine);
+  if (!result.refine.frames.empty() || result.refine.clip)
+    out["refine"] = refine_json(result.refine);
   if (!record.checks.empty()) out["certificate"] = certificate_json(record.checks);
   if (!record.gates.empty()) out["gates"] = json::parse(to_json(record.gates));
   out["timeline"] = timeline_json(result);

@@ -247,6 +247,18 @@ Result<void> replace_by_optimum(const SourceMotion& source, const Target& target
   return {};
 }
 
+/// The checked frames that are kept, counted from the first.
+void cut(RefineFigures& refine, std::int64_t first, std::int64_t last) {
+  RefineFigures kept;
+  for (std::size_t k = 0; k < refine.frames.size(); ++k) {
+    if (refine.frames[k] < first || refine.frames[k] > last) continue;
+    kept.frames.push_back(refine.frames[k] - first);
+    kept.gap_percent.push_back(refine.gap_percent[k]);
+  }
+  refine.frames = std::move(kept.frames);
+  refine.gap_percent = std::move(kept.gap_percent);
+}
+
 /// Keeps the frames [first, last] of a solved clip.
 void cut(Retargeted& out, std::int64_t first, std::int64_t last) {
   EffectorTrack& track = out.track;
@@ -265,6 +277,7 @@ void cut(Retargeted& out, std::int64_t first, std::int64_t last) {
   keep(out.self_contacts.pressed);
   keep(out.self_contacts.before_m);
   keep(out.self_contacts.left_m);
+  cut(out.refine, first, last);
   out.rig_clip.start_s += double(first) / out.rig_clip.rate_hz;
   track.frames = last - first + 1;
 }

@@ -250,6 +250,7 @@ class ClipJob {
       }
     }
     judge_gap();
+    for (const Warning& w : record_.result->warnings) warn(w.code, w.message);
     if (const auto& refined = record_.result->refine.clip; refined && !refined->report.improved) {
       record_.warnings.push_back({"refine-kept",
                                   "the whole clip's optimum is no better than what "

@@ -1,5 +1,7 @@
 #include "pipeline/retarget.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -247,6 +249,27 @@ Result<void> replace_by_optimum(const SourceMotion& source, const Target& target
   return {};
 }
 
+double largest_depth(const SelfContactFigures& contacts) {
+  return contacts.left_m.empty() ? 0.0 : *std::ranges::max_element(contacts.left_m);
+}
+
+/// The refined clip's parts are pushed apart after it was refined. Where they stay in each other,
+/// the solver's own clip says whether that is the refinement's doing.
+Result<void> compare_depths(const SourceMotion& source, const Target& target, Clip solved,
+                            Retargeted& out) {
+  const double depth = largest_depth(out.self_contacts);
+  if (depth < 2.0 * kFleshGivesM) return {};
+  auto without = keep_parts_apart(source, target, out.rig, out.track, solved);
+  if (!without) return without.error();
+  const double before = largest_depth(*without);
+  if (depth < before + kFleshGivesM) return {};
+  out.warnings.push_back(
+      {"refine-self-contact",
+       fmt::format("parts of the body are {:.1f} cm in each other, {:.1f} without --refine clip",
+                   100.0 * depth, 100.0 * before)});
+  return {};
+}
+
 /// The checked frames that are kept, counted from the first.
 void cut(RefineFigures& refine, std::int64_t first, std::int64_t last) {
   RefineFigures kept;
@@ -297,6 +320,7 @@ Result<Retargeted> retarget_clip(const SourceMotion& source, const Target& targe
   out.rig_clip.start_s = source.clip->start_s;
   out.rig_clip.name = source.clip->name;
   if (auto r = ClipSolver(options, out).run(); !r) return r.error();
+  const Clip solved = out.rig_clip;
   if (options.refine == RefineMode::clip) {
     if (auto r = replace_by_optimum(source, target, out); !r) return r.error();
   }
@@ -304,6 +328,9 @@ Result<Retargeted> retarget_clip(const SourceMotion& source, const Target& targe
     auto contacts = keep_parts_apart(source, target, out.rig, out.track, out.rig_clip);
     if (!contacts) return contacts.error();
     out.self_contacts = std::move(*contacts);
+    if (out.refine.clip) {
+      if (auto r = compare_depths(source, target, solved, out); !r) return r.error();
+    }
   }
   if (options.range) cut(out, options.range->first, options.range->second);
 

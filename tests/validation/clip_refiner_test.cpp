@@ -227,6 +227,34 @@ TEST(ClipRefiner, NothingWithinLimitsIsCheaperNearby) {
   }
 }
 
+TEST(ClipRefiner, ABoundLetsGoOfWhatIsPulledInwards) {
+  // A hinge of half a metre that stands on either bound; its targets are in the middle.
+  for (const double start : {-0.4, 0.7}) {
+    Stage stage;
+    RigJoint hinge;
+    hinge.name = "hinge";
+    hinge.type = JointType::hinge;
+    hinge.limits[0] = {-0.4, 0.7};
+    stage.rig.joints = {hinge};
+    RigEffector tip;
+    tip.kind = EffectorKind::position;
+    tip.offset = {0.0, 0.5, 0.0};
+    stage.rig.effectors = {tip};
+    stage.clip.joints = 1;
+    stage.clip.rate_hz = kRate;
+    for (int f = 0; f < 20; ++f) {
+      const Vector3d middle = rotation_exp(Vector3d(0.2, 0, 0)) * tip.offset;
+      stage.targets.push_back({DualQuaternion::from_translation(middle), 1.0});
+      stage.clip.parent_from_joint.push_back(
+          DualQuaternion::from_rotation(rotation_exp(Vector3d(start, 0, 0))));
+    }
+    stage.reference = stage.clip;
+    const auto report = stage.refine();
+    ASSERT_TRUE(report.ok());
+    EXPECT_LT(report->after.total(), 1e-4 * report->before.total()) << start;
+  }
+}
+
 TEST(ClipRefiner, WhatStandsStaysAndWhatNothingHoldsIsLeftAlone) {
   Stage stage = moving_zoo(40, test::zoo());
   RigJoint finger;

@@ -13,8 +13,9 @@ using nlohmann::json;
 constexpr const char* kStem = "body_range_of_motion@biped-full";
 
 json refined_into(const fs::path& folder) {
-  const auto run = limber({"retarget", own_clip("body_range_of_motion.bvh").string(), "--target",
-                           "biped-full", "--rate", "10", "--refine", "clip", "-o", folder.string()});
+  const auto run =
+      limber({"retarget", own_clip("body_range_of_motion.bvh").string(), "--target", "biped-full",
+              "--rate", "10", "--refine", "clip", "-o", folder.string()});
   EXPECT_EQ(run.exit_code, 0) << run.out;
   return json::parse(text_of(folder / (std::string(kStem) + ".report.json")), nullptr, false);
 }

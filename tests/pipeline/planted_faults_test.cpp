@@ -208,7 +208,7 @@ class PlantedFaults : public ::testing::Test {
     const Performer performer;
     write_text(*folder_ / "source.bvh", *limber::export_bvh(performer.character, performer.clip));
     const auto run = limber({"retarget", (*folder_ / "source.bvh").string(), "--target", kRig, "-o",
-                            folder_->string(), "--refine", "none"});
+                             folder_->string(), "--refine", "none"});
     ASSERT_EQ(run.exit_code, 0) << run.out;
   }
   static void TearDownTestSuite() { delete folder_; }
@@ -219,7 +219,7 @@ class PlantedFaults : public ::testing::Test {
 
   static json validated(const fs::path& file) {
     const auto run = limber({"validate", file.string(), "--source",
-                            (*folder_ / "source.bvh").string(), "--rig", kRig, "--json"});
+                             (*folder_ / "source.bvh").string(), "--rig", kRig, "--json"});
     json found = json::parse(run.out, nullptr, false);
     EXPECT_EQ(run.exit_code, found.value("status", "") == "fail" ? 1 : 0) << run.out;
     return found;

@@ -231,6 +231,38 @@ json timeline_json(const Retargeted& result) {
   return out;
 }
 
+json cost_json(const ClipCost& cost) {
+  return {{"effectors", rounded(cost.effectors)},
+          {"contacts", rounded(cost.contacts)},
+          {"smoothness", rounded(cost.smoothness)},
+          {"total", rounded(cost.total())}};
+}
+
+json refine_json(const RefineFigures& refine) {
+  json out{{"mode", refine.clip ? "clip" : "frame"},
+           {"gap_percent",
+            {{"median", rounded(percentile(refine.gap_percent, 50.0))},
+             {"p95", rounded(percentile(refine.gap_percent, 95.0))}}},
+           {"frames", refine.frames.size()}};
+  if (!refine.clip) return out;
+  const ClipRefineReport& report = refine.clip->report;
+  const MotionMetrics &before = refine.clip->before, &after = refine.clip->after;
+  out["clip"] = {
+      {"improved", report.improved},
+      {"windows", report.windows},
+      {"iterations", report.iterations},
+      {"cost", {{"before", cost_json(report.before)}, {"after", cost_json(report.after)}}},
+      {"jerk_p99_m_s3",
+       {{"source", rounded(before.jerk_p99_source)},
+        {"before", rounded(before.jerk_p99_output)},
+        {"after", rounded(after.jerk_p99_output)}}},
+      {"slide_cm_s",
+       {{"source", rounded(before.source.slide_cm_s)},
+        {"before", rounded(before.output.slide_cm_s)},
+        {"after", rounded(after.output.slide_cm_s)}}}};
+  return out;
+}
+
 void add_result(json& out, const ClipRecord& record) {
   const Retargeted& result = *record.result;
   json files = json::array();
@@ -260,16 +292,13 @@ void add_result(json& out, const ClipRecord& record) {
     out["smoothness"] = {
         {"jerk_ratio", rounded(record.metrics->jerk_ratio)},
         {"max_angular_velocity_ratio", rounded(record.metrics->max_angular_velocity_ratio)},
+        {"jerk_p99_m_s3",
+         {{"source", rounded(record.metrics->jerk_p99_source)},
+          {"output", rounded(record.metrics->jerk_p99_output)}}},
         {"pops", record.metrics->pops}};
   }
-  if (!result.refine.frames.empty()) {
-    const auto& gaps = result.refine.gap_percent;
-    out["refine"] = {
-        {"mode", "frame"},
-        {"gap_percent",
-         {{"median", rounded(percentile(gaps, 50.0))}, {"p95", rounded(percentile(gaps, 95.0))}}},
-        {"frames", result.refine.frames.size()}};
-  }
+  if (!result.refine.frames.empty() || result.refine.clip)
+    out["refine"] = refine_json(result.refine);
   if (!record.checks.empty()) out["certificate"] = certificate_json(record.checks);
   if (!record.gates.empty()) out["gates"] = json::parse(to_json(record.gates));
   out["timeline"] = timeline_json(result);

@@ -1,9 +1,11 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "pipeline/job.h"
@@ -71,6 +73,8 @@ int sheet_command(const SheetArgs&);
 struct ValidateArgs {
   std::string file, source;
   std::string rig, gates;
+  std::string clip, map;  ///< of the source; "": its first clip, no map file
+  std::optional<std::pair<std::int64_t, std::int64_t>> range;  ///< of the source's frames
   bool json = false;
 };
 int validate_command(const ValidateArgs&);

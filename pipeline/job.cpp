@@ -10,6 +10,7 @@
 #include "exporters/exporter.h"
 #include "pipeline/certify.h"
 #include "pipeline/file_io.h"
+#include "pipeline/frame_replay.h"
 #include "pipeline/map_file.h"
 #include "pipeline/measure.h"
 #include "pipeline/reading_budget.h"
@@ -247,10 +248,12 @@ class ClipJob {
         record_.warnings.push_back({"certificate-own-reader", check.path + ": " + check.reason});
       }
     }
-    const auto& gaps = record_.result->refine.gap_percent;
-    if (percentile(gaps, 95.0) > kWarnGapPercent) {
-      warn("solver-gap", fmt::format("Ceres found poses {:.1f} % better (95th percentile)",
-                                     percentile(gaps, 95.0)));
+    judge_gap();
+    for (const Warning& w : record_.result->warnings) warn(w.code, w.message);
+    if (const auto& refined = record_.result->refine.clip; refined && !refined->report.improved) {
+      record_.warnings.push_back({"refine-kept",
+                                  "the whole clip's optimum is no better than what "
+                                  "the solver found; that was kept"});
     }
     const double missed = 1e-3 * percentile(record_.result->worst_error_mm, 95.0);
     if (target_.figure.is_body() && missed > kWarnMissed * target_.calibration.height) {
@@ -276,6 +279,27 @@ class ClipJob {
       warn("feet-sink", fmt::format("soles sink {:.1f} cm into the floor, the source's {:.1f}",
                                     m.output.penetration_cm, m.source.penetration_cm));
     }
+  }
+
+  /// Where Ceres found something clearly better, the frame can be solved again alone.
+  void judge_gap() {
+    const RefineFigures& refine = record_.result->refine;
+    const auto worst = std::ranges::max_element(refine.gap_percent);
+    if (worst == refine.gap_percent.end() || !(*worst > kWarnGapPercent)) return;
+    const std::int64_t frame = refine.frames[worst - refine.gap_percent.begin()];
+    const FrameReplay replay = replay_of(*record_.result, frame);
+    for (const auto& [extension, text] :
+         {std::pair("gap.rig.json", &replay.rig), std::pair("gap.targets.json", &replay.targets)}) {
+      const auto bytes = std::as_bytes(std::span(text->data(), text->size()));
+      keep(extension, {bytes.begin(), bytes.end()});
+    }
+    Warning warning{"solver-gap",
+                    fmt::format("Ceres found a pose {:.1f} % better; replay it with `limber pose "
+                                "{}.gap.rig.json --targets {}.gap.targets.json -o sheet.png`",
+                                *worst, stem_, stem_)};
+    warning.frame = frame;
+    record_.warnings.push_back(std::move(warning));
+    record_.status = std::max(record_.status, Status::warn);
   }
 
   /// What the user asks of the figures that the report would show.
@@ -362,7 +386,8 @@ Result<Source> load_source(const std::string& path, const JobOptions& options) {
 
 /// Files of an earlier run with the same stem go first: outputs are replaced, never mixed.
 void remove_outputs(const fs::path& folder, const std::string& stem) {
-  for (const char* suffix : {".glb", ".bvh", ".png", ".map.json", ".report.json"}) {
+  for (const char* suffix : {".glb", ".bvh", ".png", ".map.json", ".report.json", ".gap.rig.json",
+                             ".gap.targets.json"}) {
     std::error_code ignored;
     fs::remove(folder / (stem + suffix), ignored);
   }

@@ -194,8 +194,9 @@ class Program {
     c->add_option("--cycle", cycle_, "solve clips that go round as cycles")->check(on_off);
     c->add_option("--root", root_, "root motion: scale with leg length, keep, or in-place")
         ->check(CLI::IsMember({"scale", "keep", "in-place"}));
-    c->add_option("--refine", refine_, "none, or frame: measure the gap to Ceres")
-        ->check(CLI::IsMember({"none", "frame"}));
+    c->add_option("--refine", refine_,
+                  "none; frame: measure the gap to Ceres; clip: the whole clip's optimum")
+        ->check(CLI::IsMember({"none", "frame", "clip"}));
     c->add_option("--solver", solver_)->check(CLI::IsMember({"pgs", "pgs-paper", "ceres"}));
     c->add_option("--reference", reference_, "source's T-pose from: rest, bind, frame:N, motion");
     c->add_option("--fingers", fingers_, "fingers that the source lacks")
@@ -230,7 +231,9 @@ class Program {
                              : root_ == "keep" ? RootMode::keep
                                                : RootMode::in_place;
     options.effectors.fingers = fingers_ == "curl" ? FingerMode::curl : FingerMode::rest;
-    options.refine = refine_ == "none" ? RefineMode::none : RefineMode::frame;
+    options.refine = refine_ == "none"   ? RefineMode::none
+                     : refine_ == "clip" ? RefineMode::clip
+                                         : RefineMode::frame;
     options.solver = solver_named(solver_);
     job.sandbox = sandbox_ == "auto"  ? SandboxMode::automatic
                   : sandbox_ == "off" ? SandboxMode::off
@@ -283,10 +286,16 @@ class Program {
     c->add_option("file", validate_.file)->required();
     c->add_option("--source", validate_.source, "the clip it was made from")->required();
     c->add_option("--rig", validate_.rig, "whose limits count; default: the file's own figure");
+    c->add_option("--clip", validate_.clip, "the source's clip of this name");
+    c->add_option("--range", range_, "only the source's frames FIRST:LAST");
+    c->add_option("--map", validate_.map, "a map file, for the source's joints");
     c->add_option("--gates", validate_.gates,
                   "levels that figures must keep; a file, or `default`");
     c->add_flag("--json", validate_.json);
-    c->callback([this] { code_ = validate_command(validate_); });
+    c->callback([this] {
+      if (!range_.empty()) validate_.range = parse_range(range_);
+      code_ = validate_command(validate_);
+    });
   }
 
   void add_sheet() {

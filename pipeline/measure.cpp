@@ -3,9 +3,7 @@
 #include <algorithm>
 
 namespace limber {
-namespace {
-
-MotionSide side_of_motion(const MeasuredMotion& measured) {
+MotionSide motion_side(const MeasuredMotion& measured) {
   const SourceMotion& motion = measured.motion;
   MotionSide side;
   side.skeleton = &motion.character->skeleton;
@@ -22,13 +20,11 @@ MotionSide side_of_motion(const MeasuredMotion& measured) {
   return side;
 }
 
-}  // namespace
-
 MotionMetrics measure_against(const MeasuredMotion& source, const MeasuredMotion& output,
                               double scale) {
   MotionOptions options;
   options.scale = scale;
-  return measure_motion(side_of_motion(source), side_of_motion(output), options);
+  return measure_motion(motion_side(source), motion_side(output), options);
 }
 
 std::optional<Clip> clip_on_rig(const Skeleton& skeleton, const Clip& clip, const Rig& rig) {

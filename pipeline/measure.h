@@ -13,6 +13,9 @@ struct MeasuredMotion {
   double floor_y = 0.0;  ///< m
 };
 
+/// The motion as validation compares it.
+MotionSide motion_side(const MeasuredMotion&);
+
 /// Contacts, sliding, penetration and smoothness of an output against its source; `scale` is the
 /// output's size over the source's.
 MotionMetrics measure_against(const MeasuredMotion& source, const MeasuredMotion& output,

@@ -1,5 +1,7 @@
 #include "pipeline/retarget.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
 #include <cmath>
@@ -237,6 +239,51 @@ Result<void> measure_gap(Retargeted& out) {
   return {};
 }
 
+/// The gap is that of the solver's answer; what takes its place weighs neighbours, too.
+Result<void> replace_by_optimum(const SourceMotion& source, const Target& target, Retargeted& out) {
+  measure_errors(out);
+  if (auto r = measure_gap(out); !r) return r;
+  out.errors.clear();
+  out.worst_error_mm.clear();
+  auto refined = refine_clip(source, target, out.rig, out.track, out.rig_clip);
+  if (!refined) return refined.error();
+  out.refine.clip = std::move(*refined);
+  return {};
+}
+
+double largest_depth(const SelfContactFigures& contacts) {
+  return contacts.left_m.empty() ? 0.0 : *std::ranges::max_element(contacts.left_m);
+}
+
+/// The refined clip's parts are pushed apart after it was refined. Where they stay in each other,
+/// the solver's own clip says whether that is the refinement's doing.
+Result<void> compare_depths(const SourceMotion& source, const Target& target, Clip solved,
+                            Retargeted& out) {
+  const double depth = largest_depth(out.self_contacts);
+  if (depth < 2.0 * kFleshGivesM) return {};
+  auto without = keep_parts_apart(source, target, out.rig, out.track, solved);
+  if (!without) return without.error();
+  const double before = largest_depth(*without);
+  if (depth < before + kFleshGivesM) return {};
+  out.warnings.push_back(
+      {"refine-self-contact",
+       fmt::format("parts of the body are {:.1f} cm in each other, {:.1f} without --refine clip",
+                   100.0 * depth, 100.0 * before)});
+  return {};
+}
+
+/// The checked frames that are kept, counted from the first.
+void cut(RefineFigures& refine, std::int64_t first, std::int64_t last) {
+  RefineFigures kept;
+  for (std::size_t k = 0; k < refine.frames.size(); ++k) {
+    if (refine.frames[k] < first || refine.frames[k] > last) continue;
+    kept.frames.push_back(refine.frames[k] - first);
+    kept.gap_percent.push_back(refine.gap_percent[k]);
+  }
+  refine.frames = std::move(kept.frames);
+  refine.gap_percent = std::move(kept.gap_percent);
+}
+
 /// Keeps the frames [first, last] of a solved clip.
 void cut(Retargeted& out, std::int64_t first, std::int64_t last) {
   EffectorTrack& track = out.track;
@@ -255,6 +302,7 @@ void cut(Retargeted& out, std::int64_t first, std::int64_t last) {
   keep(out.self_contacts.pressed);
   keep(out.self_contacts.before_m);
   keep(out.self_contacts.left_m);
+  cut(out.refine, first, last);
   track.frames = last - first + 1;
 }
 
@@ -289,10 +337,17 @@ Result<void> solve_clip(const SourceMotion& source, const Target& target,
   out.rig_clip.start_s = source.clip->start_s;
   out.rig_clip.name = source.clip->name;
   if (auto r = ClipSolver(options, out).run(); !r) return r.error();
+  const Clip solved = out.rig_clip;
+  if (options.refine == RefineMode::clip) {
+    if (auto r = replace_by_optimum(source, target, out); !r) return r.error();
+  }
   if (options.collision) {
     auto contacts = keep_parts_apart(source, target, out.rig, out.track, out.rig_clip);
     if (!contacts) return contacts.error();
     out.self_contacts = std::move(*contacts);
+    if (out.refine.clip) {
+      if (auto r = compare_depths(source, target, solved, out); !r) return r.error();
+    }
   }
   return {};
 }
@@ -332,19 +387,13 @@ Result<Retargeted> retarget_clip(const SourceMotion& source, const Target& targe
   Retargeted out;
   if (auto r = solve_in_laps(source, target, options, out); !r) return r.error();
 
-  out.clip = out.rig_clip;
-  out.clip.joints = target.character.skeleton.size();
-  out.clip.parent_from_joint.resize(std::size_t(out.track.frames) * out.clip.joints);
-  for (std::int64_t f = 0; f < out.track.frames; ++f) {
-    skeleton_local_from_rig(target, out.rig_clip.frame(f), out.clip.frame(f));
-  }
-  make_signs_continuous(out.clip);
+  out.clip = clip_on_skeleton(target, out.rig_clip);
   measure_errors(out);
   if (options.limits) {
     find_bent_joints(out);
     find_joints_at_limit(out);
   }
-  if (options.refine != RefineMode::none) {
+  if (options.refine == RefineMode::frame) {
     if (auto r = measure_gap(out); !r) return r.error();
   }
   return out;

@@ -6,6 +6,7 @@
 #include <utility>
 #include <vector>
 
+#include "pipeline/clip_refinement.h"
 #include "pipeline/effectors.h"
 #include "pipeline/self_contacts.h"
 #include "pipeline/target.h"
@@ -14,7 +15,7 @@
 namespace limber {
 
 enum class SolverChoice : std::uint8_t { pgs, pgs_paper, ceres };
-enum class RefineMode : std::uint8_t { none, frame };
+enum class RefineMode : std::uint8_t { none, frame, clip };
 
 struct RetargetOptions {
   EffectorOptions effectors;
@@ -56,6 +57,7 @@ struct JointAtLimit {
 struct RefineFigures {
   std::vector<double> gap_percent;  ///< one per checked frame
   std::vector<std::int64_t> frames;
+  std::optional<ClipRefinement> clip;  ///< RefineMode::clip
 };
 
 /// A clip that goes round (source_cycle.h).
@@ -88,7 +90,8 @@ struct Retargeted {
 };
 
 /// Retargets one clip: extracts effectors, solves every frame within limits, measures the gap to
-/// Ceres. The source's clip must be on its character's skeleton.
+/// Ceres or puts the whole clip's optimum in its place. The source's clip must be on its
+/// character's skeleton.
 Result<Retargeted> retarget_clip(const SourceMotion&, const Target&, const RetargetOptions&);
 
 }  // namespace limber

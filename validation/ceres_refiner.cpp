@@ -20,7 +20,7 @@ constexpr double kInsideLimits = 1e-7;  // rad: a start this far inside counts a
 class FreeCoordinates : public ceres::CostFunction {
  public:
   FreeCoordinates(const EffectorProblem& problem, std::vector<int> free)
-      : problem_(problem), free_(std::move(free)), x_(problem.x()) {
+      : problem_(problem), free_(std::move(free)), x_(problem.chart().x()) {
     set_num_residuals(static_cast<int>(problem.residuals()));
     mutable_parameter_block_sizes()->push_back(static_cast<int>(free_.size()));
   }
@@ -75,11 +75,12 @@ class StopAtNewBound : public ceres::IterationCallback {
 std::vector<int> free_coordinates(const EffectorProblem& problem) {
   Eigen::VectorXd residual;
   Eigen::MatrixXd jacobian;
-  problem.evaluate(problem.x(), residual, &jacobian);
+  problem.evaluate(problem.chart().x(), residual, &jacobian);
   const Eigen::VectorXd gradient = jacobian.transpose() * residual;
   std::vector<int> free;
   for (int k = 0; k < gradient.size(); ++k) {
-    const double x = problem.x()[k], low = problem.lower()[k], high = problem.upper()[k];
+    const double x = problem.chart().x()[k], low = problem.chart().lower()[k],
+                 high = problem.chart().upper()[k];
     const bool locked = high - low <= 2.0 * kOnBound;
     const bool held_low = x <= low + kOnBound && gradient[k] > -kSlope;
     const bool held_high = x >= high - kOnBound && gradient[k] < kSlope;
@@ -98,9 +99,9 @@ Round minimise(EffectorProblem& problem, const std::vector<int>& free, int max_i
                double enough_cost) {
   std::vector<double> x, lower, upper;
   for (const int k : free) {
-    x.push_back(problem.x()[k]);
-    lower.push_back(problem.lower()[k]);
-    upper.push_back(problem.upper()[k]);
+    x.push_back(problem.chart().x()[k]);
+    lower.push_back(problem.chart().lower()[k]);
+    upper.push_back(problem.chart().upper()[k]);
   }
   ceres::Problem ceres_problem;
   ceres_problem.AddResidualBlock(new FreeCoordinates(problem, free), nullptr, x.data());
@@ -127,11 +128,11 @@ Round minimise(EffectorProblem& problem, const std::vector<int>& free, int max_i
   round.usable = summary.IsSolutionUsable();
   round.iterations = static_cast<int>(summary.iterations.size()) - 1;
   if (!round.usable) return round;
-  Eigen::VectorXd moved = problem.x();
+  Eigen::VectorXd moved = problem.chart().x();
   for (std::size_t k = 0; k < free.size(); ++k) {
     moved[free[k]] = std::clamp(x[k], lower[k], upper[k]);
   }
-  problem.set_x(moved);
+  problem.chart().set_x(moved);
   round.cost = problem.cost(moved);
   return round;
 }
@@ -165,13 +166,13 @@ Result<RefineReport> refine_with_ceres(const Rig& rig, std::span<const EffectorT
   RefineReport report;
   report.cost_before = problem.cost_of_pose(parent_from_joint);
   if (!std::isfinite(report.cost_before)) return bad_input("a pose or a target is not finite");
-  problem.start_from(parent_from_joint);
+  problem.chart().start_from(parent_from_joint);
 
-  double cost = problem.cost(problem.x());
+  double cost = problem.cost(problem.chart().x());
   // Couplings count too, where there are any: Ceres starts from what it would have to beat.
   const double to_beat = rig.couplings.empty() ? report.cost_before : cost;
   while (report.iterations < options.max_iterations && cost > options.enough_cost) {
-    problem.rechart();
+    problem.chart().rechart();
     const std::vector<int> free = free_coordinates(problem);
     if (free.empty()) break;
     const Round round =
@@ -182,7 +183,7 @@ Result<RefineReport> refine_with_ceres(const Rig& rig, std::span<const EffectorT
   }
 
   if (cost < to_beat || !within_limits(rig, parent_from_joint)) {
-    problem.pose(problem.x(), parent_from_joint);
+    problem.chart().pose(problem.chart().x(), parent_from_joint);
     report.cost_after = rig.couplings.empty() ? cost : problem.cost_of_pose(parent_from_joint);
   } else {
     report.cost_after = report.cost_before;

@@ -139,16 +139,18 @@ double mean_penetration_cm(const MotionSide& side, const Sampled& motion, std::i
   return 100.0 * sum / static_cast<double>(frames);
 }
 
-double mean_jerk(const Track& p, double rate_hz) {
-  double sum = 0.0;
+/// [frame] m/s3
+std::vector<double> jerk_of(const Track& p, double rate_hz) {
+  std::vector<double> jerk;
   for (std::size_t f = 0; f + 3 < p.size(); ++f) {
-    sum += (p[f + 3] - 3.0 * p[f + 2] + 3.0 * p[f + 1] - p[f]).norm();
+    jerk.push_back((p[f + 3] - 3.0 * p[f + 2] + 3.0 * p[f + 1] - p[f]).norm() *
+                   std::pow(rate_hz, 3));
   }
-  return sum * std::pow(rate_hz, 3) / static_cast<double>(p.size() - 3);
+  return jerk;
 }
 
-double jerk_ratio(const MotionSide& source, const MotionSide& output, const Sampled& s,
-                  const Sampled& o, std::int64_t frames, double rate_hz, double scale) {
+/// The roles whose places jerk is measured at, of those that both figures have.
+std::vector<std::string> jerk_roles(const MotionSide& source, const MotionSide& output) {
   std::vector<std::string> roles = {"hips",      "head",     "leftHand",
                                     "rightHand", "leftFoot", "rightFoot"};
   const auto missing = [&](const std::string& role) {
@@ -161,13 +163,27 @@ double jerk_ratio(const MotionSide& source, const MotionSide& output, const Samp
       if (role.ends_with("Distal") && !missing(role)) roles.push_back(role);
     }
   }
+  return roles;
+}
+
+void measure_jerk(const MotionSide& source, const MotionSide& output, const Sampled& s,
+                  const Sampled& o, double scale, MotionMetrics& metrics) {
+  const std::vector<std::string> roles = jerk_roles(source, output);
+  const auto of_all = [&](const MotionSide& side, const Sampled& motion, double& mean) {
+    std::vector<double> all;
+    for (const std::string& role : roles) {
+      const std::vector<double> jerk = jerk_of(
+          track_of(motion, std::array{find_role(side, role)}, metrics.frames), metrics.rate_hz);
+      all.insert(all.end(), jerk.begin(), jerk.end());
+    }
+    mean = 0.0;
+    for (const double j : all) mean += j / static_cast<double>(all.size());
+    return percentile(std::move(all), 99.0);
+  };
   double in_source = 0.0, in_output = 0.0;
-  for (const std::string& role : roles) {
-    in_source += mean_jerk(track_of(s, std::array{find_role(source, role)}, frames), rate_hz);
-    in_output += mean_jerk(track_of(o, std::array{find_role(output, role)}, frames), rate_hz);
-  }
-  const auto count = static_cast<double>(std::max<std::size_t>(roles.size(), 1));
-  return in_output / count / std::max(in_source * scale / count, 1e-3);
+  metrics.jerk_p99_source = scale * of_all(source, s, in_source);
+  metrics.jerk_p99_output = of_all(output, o, in_output);
+  metrics.jerk_ratio = in_output / std::max(in_source * scale, 1e-3);
 }
 
 /// Speeds and accelerations of one role's rotation against another's.
@@ -284,8 +300,7 @@ MotionMetrics measure_motion(const MotionSide& source, const MotionSide& output,
   metrics.output.penetration_cm = mean_penetration_cm(output, o, metrics.frames);
   if (metrics.frames < 5) return metrics;
 
-  metrics.jerk_ratio =
-      jerk_ratio(source, output, s, o, metrics.frames, metrics.rate_hz, options.scale);
+  measure_jerk(source, output, s, o, options.scale, metrics);
   const std::vector<Turning> turnings =
       common_turnings(source, output, s, o, metrics.frames, metrics.rate_hz);
   metrics.max_angular_velocity_ratio =

@@ -62,6 +62,7 @@ struct MotionMetrics {
   ContactFigures source;        ///< scaled to the output's size
   ContactFigures output;
   double jerk_ratio = 0.0;  ///< 0: not measured (fewer than five frames, no common joint)
+  double jerk_p99_source = 0.0, jerk_p99_output = 0.0;  ///< m/s3; the source's at output's size
   double max_angular_velocity_ratio = 0.0;
   std::int64_t pops = 0;  ///< joint-frames
   struct Pop {
@@ -76,7 +77,7 @@ struct MotionMetrics {
 ///  - contacts: see contact_detection.h, of the source's ankles and toes; slide is the output's
 ///    horizontal speed in those frames;
 ///  - jerk ratio: mean |third difference| of hips, head, hands and feet (fingertips, for hands)
-///    over the scaled source's;
+///    over the scaled source's; its 99th percentile is taken over all their frames;
 ///  - angular velocity: largest rotation speed of a role against the nearest common role above it;
 ///  - pop: joint-frame whose angular acceleration exceeds 6 times the larger of that joint's 99.9th
 ///    percentile in the source, a quarter of all joints', and 3.3 rad/s2, with no such source

@@ -51,8 +51,7 @@ constexpr std::int64_t kLongestLost = 120;    // where the targets were lost wit
 constexpr int kJoints = 6;                    // places to join at, the nearest first
 constexpr double kMerged = 0.003;             // rad: two solutions are one
 constexpr std::int64_t kMostPatience = 1024;  // frames before the next try where none was found
-constexpr double kCalmBend = 0.12;            // rad per frame^2: what a way should keep below,
-constexpr double kSmoothBend = 0.25;          // or at least this
+constexpr double kSmoothBend = 0.25;          // rad per frame^2: what a way should keep below
 constexpr double kKink = 0.05;                // rad per frame^2: more than that is smoothed
 constexpr double kSharp = 3.0;                // times what it was
 constexpr std::int64_t kBefore = 6;           // to twice as many frames before
@@ -222,7 +221,7 @@ bool IkClipSolver::mend(std::int64_t f, IkReport& report) {
   look_elsewhere(f, report);
   const auto other = row(back_, 0, joints_);
   bool joined = false;
-  for (const double bend : {kCalmBend, kSmoothBend, std::numeric_limits<double>::infinity()}) {
+  for (const double bend : {kSmoothBend, std::numeric_limits<double>::infinity()}) {
     way_bend_ = bend;
     for (std::size_t i = 0; i < others_.size() && !joined; ++i) {
       std::ranges::copy(elsewhere(others_[i].start), other.begin());

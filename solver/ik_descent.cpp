@@ -284,11 +284,12 @@ void IkDescent::descend(IkReport& report, bool following) {
   if (!following) elimination.reset(now.x);
   // Rows bend, which the model leaves out: undamped, it would wander where the cost is flat.
   const double least = rows.none() ? kLeastDamping : options.damping;
-  const double shrink = following ? kFade : kShrink;
   double damping = following ? settled_damping : options.damping, growth = 2.0;
   bool curved = false;
   while (!report.converged && report.relinearisations < options.max_relinearisations) {
     const bool early = following && report.relinearisations < kEarly;
+    const bool near = following && at_now.cost < kWoundCost;
+    const double shrink = near ? kFade : kShrink;
     elimination.settle_slides_within(following ? kSlide : 0.0, early ? kEarlyBend : 0.0);
     ++report.relinearisations;
     linearise(curved);
@@ -328,9 +329,7 @@ void IkDescent::descend(IkReport& report, bool following) {
         if (following || !options.stop_at_tolerance) wish.setZero();
         damping *= growth;
         growth *= 2.0;
-        if (following && at_now.cost < kWoundCost) {
-          damping = std::max(damping, at_now.cost / (4.0 * kFirm * kFirm));
-        }
+        if (near) damping = std::max(damping, at_now.cost / (4.0 * kFirm * kFirm));
         report.converged = negligible || damping > kMostDamping;
         if (!rows.none()) {
           // Rows held, nothing to gain: done. Else descend straight, without easing.

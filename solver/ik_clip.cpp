@@ -45,8 +45,8 @@ constexpr std::size_t kEnough = 2;       // until so many were
 constexpr std::int64_t kLasting = 8;     // frames that a solution should last
 constexpr double kStrewnWidth = 0.35;    // rad on each axis of each joint
 constexpr double kJump = 8e-3;           // m per frame^2 beyond what targets do: a frame has jumped
-constexpr int kCalmFrames = 4;           // after a jump
-constexpr std::int64_t kLongestJump = 30;     // frames until it counts as over;
+constexpr int kCalmFrames = 16;          // after a jump
+constexpr std::int64_t kLongestJump = 40;     // frames until it counts as over;
 constexpr std::int64_t kLongestLost = 120;    // where the targets were lost with it
 constexpr int kJoints = 6;                    // places to join at, the nearest first
 constexpr double kMerged = 0.003;             // rad: two solutions are one
@@ -151,15 +151,16 @@ void IkClipSolver::watch(std::int64_t f, const IkReport& report) {
   calm_ = report.bend < 0.5 * kJump ? calm_ + 1 : 0;
   if (calm_ < kCalmFrames && f - jumped_ < kLongestJump) return;
   if (report.reached) {
-    std::ranges::copy(pose(f), row(back_, 0, joints_).begin());
+    const std::int64_t over = f - calm_;
+    std::ranges::copy(pose(over), row(back_, 0, joints_).begin());
     ++mended_;
     // Not by what bends nearly as much as the jump itself.
-    const double half = 0.5 * worst_kink(jumped_, f);
+    const double half = 0.5 * worst_kink(jumped_, over);
     way_bend_ = kSmoothBend;
-    bool joined = join_earlier(f, f - jumped_ + 1);
+    bool joined = join_earlier(over, over - jumped_ + 1);
     if (!joined && half > kSmoothBend) {
       way_bend_ = half;
-      joined = join_earlier(f, f - jumped_ + 1);
+      joined = join_earlier(over, over - jumped_ + 1);
     }
     jumps_ += !joined;
     solver_.resume(pose(f - 1), pose(f));

@@ -34,7 +34,7 @@ namespace {
 constexpr double kLeastDamping = 1e-9, kMostDamping = 1e8;
 constexpr double kEase = 5e-4;     // of the way to the middle of the ranges, per relinearisation
 constexpr double kShrink = 0.1;    // of the damping, at best, per relinearisation;
-constexpr double kFade = 0.3;      // of a clip's
+constexpr double kFade = 0.45;     // of a clip's
 constexpr double kFirm = 0.09;     // rad: the longest step after one that failed, in a clip
 constexpr double kMostPush = 1e4;  // of a hard row, per root of the cost
 constexpr int kBends = 2, kSettles = 10;

@@ -29,7 +29,8 @@ namespace limber {
 
 namespace {
 
-constexpr int kUnwinds = 3;  // a third, two thirds, all of the way to the middle
+constexpr int kUnwinds = 3;        // a third, two thirds, all of the way to the middle
+constexpr double kResumed = 1e-3;  // of the damping: an answer was there already
 constexpr double kCalm = 0.7, kHome = 0.25 * (1.0 - kCalm) * (1.0 - kCalm);
 
 }  // namespace
@@ -312,7 +313,7 @@ void IkSolver::resume(std::span<const DualQuaternion> before,
   s.placed = before.data() == last.data();
   s.brake->forget(s.placed);
   s.elimination.reset(s.last.x);
-  s.settled_damping = s.options.damping;
+  s.settled_damping = (s.placed ? 1.0 : kResumed) * s.options.damping;
   for (const std::int32_t joint : s.tree.outside) s.outside[joint] = last[joint];
 }
 

@@ -8,7 +8,8 @@
 // the middle of its range. Per frame that is x'' = -(1 - kCalm) x' - kHome (x - middle), a spring
 // with friction, critically damped by kHome = (1 - kCalm)^2 / 4: it goes home as fast as it can
 // without swinging. Away from limits there are more ways on; a swivel left to itself ends in a
-// corner of them.
+// corner of them. Where the targets ask for as much as there is, little is open and they say where
+// it should be: there the anchor only drifts home.
 //
 // Out of reach, what is shown may be slower than the answers: brake.cpp.
 //
@@ -31,7 +32,19 @@ namespace {
 
 constexpr int kUnwinds = 3;        // a third, two thirds, all of the way to the middle
 constexpr double kResumed = 1e-3;  // of the damping: an answer was there already
+// Calm and home of the anchor: where targets ask for less than there are coordinates, and else.
 constexpr double kCalm = 0.7, kHome = 0.25 * (1.0 - kCalm) * (1.0 - kCalm);
+constexpr double kHeldCalm = 0.9, kHeldHome = 5e-4;
+
+/// Whether the targets are fewer numbers than the coordinates they ask for.
+bool leave_much_open(const IkTree& tree) {
+  int asked = 0;
+  for (const IkEffector& effector : tree.effectors) {
+    if (effector.weight_pos > 0.0) asked += effector.kind == EffectorKind::line ? 2 : 3;
+    if (effector.weight_rot > 0.0) asked += has_axis(effector.kind) ? 2 : 3;
+  }
+  return asked < tree.coordinate_count();
+}
 
 }  // namespace
 
@@ -45,6 +58,7 @@ struct IkSolver::State : IkDescent {
         speed(source, tree, chosen.dt),
         places_last(tree.nodes.size() + tree.effectors.size()),
         places_before(places_last),
+        open(leave_much_open(tree)),
         outside(skeleton_of(source).rest_parent_from_joint) {
     tree.load(outside, last);
     tree.evaluate(last, goals, at_now);
@@ -68,6 +82,7 @@ struct IkSolver::State : IkDescent {
   SpeedLimits speed;
   std::vector<Eigen::Vector3d> places_last, places_before;  ///< nodes, then effectors
   int places = 0;                                           ///< answers that those tell of
+  bool open;                                                ///< the targets leave much open
   bool placed = false;  ///< the last answer was put there: it has no speed and stays
   std::optional<Brake> brake;
   std::vector<DualQuaternion> outside;  ///< [joint] where that is no node: as last given
@@ -121,10 +136,11 @@ IkReport IkSolver::State::solve_paper(std::span<const EffectorTarget> targets,
 void IkSolver::State::extrapolate() {
   now = last;
   anchor = last.x;
-  if (!placed) anchor += kHome * tree.limited.cwiseProduct(tree.middle - last.x);
+  if (!placed)
+    anchor += (open ? kHome : kHeldHome) * tree.limited.cwiseProduct(tree.middle - last.x);
   if (!options.extrapolate || answers < 2) return;
   now.x += last.x - before.x;
-  anchor += kCalm * (last.x - before.x);
+  anchor += (open ? kCalm : kHeldCalm) * (last.x - before.x);
   for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
     const IkNode& node = tree.nodes[n];
     if (node.chart || (node.type != JointType::ball && node.type != JointType::free)) continue;

@@ -107,7 +107,6 @@ void Brake::remember(std::span<const IkGoal> goals) {
   searching_ = false;
 }
 
-/// The targets' own largest second difference (m).
 double Brake::pace() const {
   double most = 0.0;
   for (std::size_t e = 0; e < goal_last_.size() && goals_ > 1; ++e) {

@@ -29,8 +29,10 @@ class Brake {
   /// frames before.
   void slow_down(const IkState& before, const IkState& last, IkReport&);
 
- private:
+  /// The targets' own largest second difference (m), with the goals of the frame at hand.
   double pace() const;
+
+ private:
   double most_bend() const;
   bool wound() const;
   double bend();

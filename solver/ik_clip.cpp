@@ -44,9 +44,9 @@ constexpr std::size_t kTriesIfSome = 4;  // if some was found,
 constexpr std::size_t kEnough = 2;       // until so many were
 constexpr std::int64_t kLasting = 8;     // frames that a solution should last
 constexpr double kStrewnWidth = 0.35;    // rad on each axis of each joint
-constexpr double kStray = 0.06;  // rad: a frame further from where its start pointed has jumped
-constexpr int kCalmFrames = 4;   // after a jump
-constexpr std::int64_t kLongestJump = 30;     // frames until it counts as over;
+constexpr double kJump = 8e-3;           // m per frame^2 beyond what targets do: a frame has jumped
+constexpr int kCalmFrames = 16;          // after a jump
+constexpr std::int64_t kLongestJump = 40;     // frames until it counts as over;
 constexpr std::int64_t kLongestLost = 120;    // where the targets were lost with it
 constexpr int kJoints = 6;                    // places to join at, the nearest first
 constexpr double kMerged = 0.003;             // rad: two solutions are one
@@ -131,7 +131,9 @@ IkReport IkClipSolver::next() {
     retry_ = f + patience_;
   }
   if (report.reached) patience_ = 1;
-  if (f > 1 && report.reached && credit_ > 0.0 && sharp(f)) mark_rough(f, f);
+  if (f > 1 && report.reached && credit_ > 0.0 && report.bend > kJump && sharp(f)) {
+    mark_rough(f, f);
+  }
   smooth_rough(f);
   return report;
 }
@@ -140,24 +142,25 @@ IkReport IkClipSolver::next() {
 /// the frames before go there in time: backwards the room opens, and there is no hurry.
 void IkClipSolver::watch(std::int64_t f, const IkReport& report) {
   if (jumped_ < 0) {
-    if (report.reached && report.strayed > kStray && f > 2 && credit_ > 0.0) jumped_ = f;
+    if (report.reached && report.bend > kJump && f > 2 && credit_ > 0.0) jumped_ = f;
     calm_ = 0;
     return;
   }
   // Where following lost its targets besides, it is mended with that.
   if (!report.reached && f - jumped_ < kLongestLost) return;
-  calm_ = report.strayed < 0.5 * kStray ? calm_ + 1 : 0;
+  calm_ = report.bend < 0.5 * kJump ? calm_ + 1 : 0;
   if (calm_ < kCalmFrames && f - jumped_ < kLongestJump) return;
   if (report.reached) {
-    std::ranges::copy(pose(f), row(back_, 0, joints_).begin());
+    const std::int64_t over = f - calm_;
+    std::ranges::copy(pose(over), row(back_, 0, joints_).begin());
     ++mended_;
     // Not by what bends nearly as much as the jump itself.
-    const double half = 0.5 * worst_kink(jumped_, f);
+    const double half = 0.5 * worst_kink(jumped_, over);
     way_bend_ = kSmoothBend;
-    bool joined = join_earlier(f, f - jumped_ + 1);
+    bool joined = join_earlier(over, over - jumped_ + 1);
     if (!joined && half > kSmoothBend) {
       way_bend_ = half;
-      joined = join_earlier(f, f - jumped_ + 1);
+      joined = join_earlier(over, over - jumped_ + 1);
     }
     jumps_ += !joined;
     solver_.resume(pose(f - 1), pose(f));

@@ -11,6 +11,13 @@
 // plain projected Gauss-Seidel sweeps would converge to, here reached through the tree
 // (tree_elimination.cpp).
 //
+// Along a clip mu is almost 0: what is missed is little, one undamped step finds it. Not where a
+// chain is nearly straight or folded, and two solutions about to become one: a direction of gain s
+// = |J d| / |d| then gets a step |e| / s, past what the linear problem knows. A damped one is
+//   s |e| / (s^2 + mu) <= |e| / (2 sqrt(mu)),
+// so where a step failed, mu = f / (2 kFirm)^2 makes the next one no longer than kFirm. Damping
+// then fades slowly: the frames after are near that place too.
+//
 // Rows that join branches (rows.cpp) enter the linear problem (row_solver.cpp). Soft ones belong to
 // f. Hard ones join what must fall as nu times their violation beyond tolerance, an exact penalty:
 // nu exceeds their multipliers, so that its minimum obeys them wherever they can be obeyed.
@@ -18,13 +25,17 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 namespace limber {
 
 namespace {
 
 constexpr double kLeastDamping = 1e-9, kMostDamping = 1e8;
-constexpr double kShrink = 0.1;    // of the damping, at best, per relinearisation
+constexpr double kEase = 5e-4;     // of the way to the middle of the ranges, per relinearisation
+constexpr double kShrink = 0.1;    // of the damping, at best, per relinearisation;
+constexpr double kFade = 0.45;     // of a clip's
+constexpr double kFirm = 0.09;     // rad: the longest step after one that failed, in a clip
 constexpr double kMostPush = 1e4;  // of a hard row, per root of the cost
 constexpr int kBends = 2, kSettles = 10;
 constexpr double kSettleDamping = 1.0;  // of the least step
@@ -243,13 +254,18 @@ EliminationStats IkDescent::solve_linear(double damping, IkReport& report) {
 }
 
 /// From `next`, where a step ended, further ones with the factors of the place before (the chord
-/// method): each leaves about its own length (rad) of what was left, for a quarter of the work.
+/// method): each leaves about its own length (rad) of what was left, for a quarter of the work. One
+/// longer than the step before it tells that they do not converge (P. Deuflhard, Newton Methods for
+/// Nonlinear Problems, 2004, section 2.1: the monotonicity test on simplified steps).
 void IkDescent::step_again() {
   const Eigen::Vector3d origin = at_now.origin;
+  double length = step.cwiseAbs().maxCoeff();
   for (int i = 0; i < kChords && !done(at_next, rows_next); ++i) {
     at_next.origin = origin;
     effector_load(tree, goals, at_next, load);
     elimination.solve_again(load.pull, step);
+    const double before = std::exchange(length, step.cwiseAbs().maxCoeff());
+    if (!(length <= before)) return;
     tree.move(next, step, now);
     evaluate(now, at_now, rows_now);
     if (!(at_now.cost < at_next.cost)) return;
@@ -272,6 +288,8 @@ void IkDescent::descend(IkReport& report, bool following) {
   bool curved = false;
   while (!report.converged && report.relinearisations < options.max_relinearisations) {
     const bool early = following && report.relinearisations < kEarly;
+    const bool near = following && at_now.cost < kWoundCost;
+    const double shrink = near ? kFade : kShrink;
     elimination.settle_slides_within(following ? kSlide : 0.0, early ? kEarlyBend : 0.0);
     ++report.relinearisations;
     linearise(curved);
@@ -292,12 +310,12 @@ void IkDescent::descend(IkReport& report, bool following) {
       const bool negligible = step.cwiseAbs().maxCoeff() < options.stop_step;
       fell = fall >= 0.0 || arrived;
       if (arrived) {
-        damping = std::max(least, kShrink * damping);
+        damping = std::max(least, shrink * damping);
         report.converged = true;
       } else if (fell) {
         const double agreement = predicted > 0.0 ? fall / predicted : 1.0;
         const double cube = std::pow(2.0 * agreement - 1.0, 3);
-        damping = std::max(least, damping * std::max(kShrink, 1.0 - cube));
+        damping = std::max(least, damping * std::max(shrink, 1.0 - cube));
         growth = 2.0;
         const bool level =
             fall < options.stop_cost_decrease * at_now.cost && rows_next.worst <= 1.0;
@@ -311,6 +329,7 @@ void IkDescent::descend(IkReport& report, bool following) {
         if (following || !options.stop_at_tolerance) wish.setZero();
         damping *= growth;
         growth *= 2.0;
+        if (near) damping = std::max(damping, at_now.cost / (4.0 * kFirm * kFirm));
         report.converged = negligible || damping > kMostDamping;
         if (!rows.none()) {
           // Rows held, nothing to gain: done. Else descend straight, without easing.

@@ -13,9 +13,6 @@
 
 namespace limber {
 
-/// What targets leave open: kEase of the way to the middle of its range per relinearisation, and in
-/// a clip kCalm of its speed is kept from frame to frame.
-inline constexpr double kEase = 5e-4, kCalm = 0.9;
 /// m^2. A frame that misses by more is out of reach, not wound into a corner of its limits.
 inline constexpr double kWoundCost = 0.05 * 0.05;
 

@@ -4,8 +4,12 @@
 // that were active stay so until their multipliers say otherwise, and damping goes on where it
 // stood. So near the answer one relinearisation is enough, and one is always made, however near the
 // start is: a pose that is merely good enough would jitter against its neighbours. What the targets
-// leave open is pulled to an anchor, the last answer and kCalm of its speed: a free swivel coasts
-// to rest instead of oscillating about the middle of its range.
+// leave open is pulled to an anchor: the last answer, kCalm of its speed, and kHome of the way to
+// the middle of its range. Per frame that is x'' = -(1 - kCalm) x' - kHome (x - middle), a spring
+// with friction, critically damped by kHome = (1 - kCalm)^2 / 4: it goes home as fast as it can
+// without swinging. Away from limits there are more ways on; a swivel left to itself ends in a
+// corner of them. Where the targets ask for as much as there is, little is open and they say where
+// it should be: there the anchor only drifts home.
 //
 // Out of reach, what is shown may be slower than the answers: brake.cpp.
 //
@@ -26,7 +30,21 @@ namespace limber {
 
 namespace {
 
-constexpr int kUnwinds = 3;  // a third, two thirds, all of the way to the middle
+constexpr int kUnwinds = 3;        // a third, two thirds, all of the way to the middle
+constexpr double kResumed = 1e-3;  // of the damping: an answer was there already
+// Calm and home of the anchor: where targets ask for less than there are coordinates, and else.
+constexpr double kCalm = 0.7, kHome = 0.25 * (1.0 - kCalm) * (1.0 - kCalm);
+constexpr double kHeldCalm = 0.9, kHeldHome = 5e-4;
+
+/// Whether the targets are fewer numbers than the coordinates they ask for.
+bool leave_much_open(const IkTree& tree) {
+  int asked = 0;
+  for (const IkEffector& effector : tree.effectors) {
+    if (effector.weight_pos > 0.0) asked += effector.kind == EffectorKind::line ? 2 : 3;
+    if (effector.weight_rot > 0.0) asked += has_axis(effector.kind) ? 2 : 3;
+  }
+  return asked < tree.coordinate_count();
+}
 
 }  // namespace
 
@@ -38,7 +56,9 @@ struct IkSolver::State : IkDescent {
         last(now),
         before(now),
         speed(source, tree, chosen.dt),
-        start(step),
+        places_last(tree.nodes.size() + tree.effectors.size()),
+        places_before(places_last),
+        open(leave_much_open(tree)),
         outside(skeleton_of(source).rest_parent_from_joint) {
     tree.load(outside, last);
     tree.evaluate(last, goals, at_now);
@@ -49,6 +69,7 @@ struct IkSolver::State : IkDescent {
   void remember();
   void follow_freely(IkReport&);
   void extrapolate();
+  double measure_bend();
   IkReport solve_paper(std::span<const EffectorTarget>, std::span<DualQuaternion>);
   void restart(int attempt);
   void solve_with_restarts(IkReport&);
@@ -59,7 +80,10 @@ struct IkSolver::State : IkDescent {
   IkState last, before;  ///< answers to the calls before
   int answers = 0;       ///< how many of them there are
   SpeedLimits speed;
-  Eigen::VectorXd start;  ///< of a frame that is followed
+  std::vector<Eigen::Vector3d> places_last, places_before;  ///< nodes, then effectors
+  int places = 0;                                           ///< answers that those tell of
+  bool open;                                                ///< the targets leave much open
+  bool placed = false;  ///< the last answer was put there: it has no speed and stays
   std::optional<Brake> brake;
   std::vector<DualQuaternion> outside;  ///< [joint] where that is no node: as last given
   std::optional<PaperIk> paper;         ///< pgs_paper: all of it
@@ -75,10 +99,26 @@ void IkSolver::State::follow_freely(IkReport& report) {
   brake->slow_down(before, last, report);
 }
 
+/// The largest second difference (m) that the answer makes with those before.
+double IkSolver::State::measure_bend() {
+  double most = 0.0;
+  const auto measure = [&](std::size_t i, const Eigen::Vector3d& place) {
+    const Eigen::Vector3d bend = place - 2.0 * places_last[i] + places_before[i];
+    most = std::max(most, bend.squaredNorm());
+    places_before[i] = place;
+  };
+  const std::size_t nodes = tree.nodes.size();
+  for (std::size_t n = 0; n < nodes; ++n) measure(n, at_now.position[n]);
+  for (std::size_t e = 0; e < goals.size(); ++e) measure(nodes + e, at_now.error[e].point);
+  std::swap(places_last, places_before);
+  return places++ < 2 ? 0.0 : std::sqrt(most);
+}
+
 /// The answer `now` becomes the last one.
 void IkSolver::State::remember() {
   std::swap(before, last);
   last = now;
+  placed = false;
   brake->remember(goals);
   ++answers;
 }
@@ -95,10 +135,12 @@ IkReport IkSolver::State::solve_paper(std::span<const EffectorTarget> targets,
 /// `now` becomes the start of the next frame, `anchor` where it may as well stay.
 void IkSolver::State::extrapolate() {
   now = last;
-  anchor = last.x + kEase * tree.limited.cwiseProduct(tree.middle - last.x);
+  anchor = last.x;
+  if (!placed)
+    anchor += (open ? kHome : kHeldHome) * tree.limited.cwiseProduct(tree.middle - last.x);
   if (!options.extrapolate || answers < 2) return;
   now.x += last.x - before.x;
-  anchor += kCalm * (last.x - before.x);
+  anchor += (open ? kCalm : kHeldCalm) * (last.x - before.x);
   for (std::size_t n = 0; n < tree.nodes.size(); ++n) {
     const IkNode& node = tree.nodes[n];
     if (node.chart || (node.type != JointType::ball && node.type != JointType::free)) continue;
@@ -240,7 +282,7 @@ IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<Dual
 IkReport IkSolver::solve(std::span<const EffectorTarget> targets, std::span<DualQuaternion> pose,
                          std::span<const DualQuaternion> previous) {
   State& s = *state_;
-  s.answers = 0;
+  s.answers = s.places = 0;
   if (s.paper) return s.solve_paper(targets, pose);
   IkReport report;
   s.tree.resolve(targets, s.goals);
@@ -269,9 +311,9 @@ IkReport IkSolver::follow(std::span<const EffectorTarget> targets, std::span<Dua
     s.tree.store(s.now, pose);
     return s.solve_paper(targets, pose);
   }
-  s.start = s.now.x;
+  const double pace = s.brake->pace();
   s.answer(targets, s.last, true, report);
-  report.strayed = s.tree.limited.cwiseProduct(s.now.x - s.start).cwiseAbs().maxCoeff();
+  report.bend = std::max(0.0, s.measure_bend() - pace);
   for (const std::int32_t joint : s.tree.outside) pose[joint] = s.outside[joint];
   s.tree.store(s.now, s.at_now, pose);
   return report;
@@ -283,9 +325,11 @@ void IkSolver::resume(std::span<const DualQuaternion> before,
   s.tree.load(before, s.before);
   s.tree.load(last, s.last);
   s.answers = 2;
-  s.brake->forget(before.data() == last.data());
+  s.places = 0;
+  s.placed = before.data() == last.data();
+  s.brake->forget(s.placed);
   s.elimination.reset(s.last.x);
-  s.settled_damping = s.options.damping;
+  s.settled_damping = (s.placed ? 1.0 : kResumed) * s.options.damping;
   for (const std::int32_t joint : s.tree.outside) s.outside[joint] = last[joint];
 }
 

@@ -75,8 +75,10 @@ struct IkReport {
   double residual = 0.0;   ///< |x - P(x - diag^-1 (Ax - b))|_inf of the last linear problem
   double cost = 0.0;       ///< sum (wp |dp|)^2 + (0.1 wr |dtheta|)^2
   bool converged = false;  ///< stopped by tolerance, step or cost, not by the iteration cap
-  double strayed = 0.0;    ///< follow: largest coordinate change (rad) from the start to the answer
-  bool reached = false;    ///< every strong effector is within the stop tolerances
+  /// follow: by how much the largest second difference (m) of a joint's or effector's place exceeds
+  /// that of the targets. 0 until there are two answers before.
+  double bend = 0.0;
+  bool reached = false;  ///< every strong effector is within the stop tolerances
   /// Couplings, capsules, speeds and priorities: by how much (m, rad) the worst one is missed.
   double row_violation = 0.0;
   int active_rows = 0;  ///< contacts and speeds that press

@@ -7,8 +7,9 @@
 namespace limber::LIMBER_LANES {
 namespace {
 
-constexpr float kEase = 5e-4f, kCalm = 0.9f;  // as ik_solver.cpp
-constexpr float kOnLimit = 1e-5f;             // rad, m: a start nearer to a limit is held by it
+// As the anchor of ik_solver.cpp, slower: a lane has no one to mend what a quick way home meets.
+constexpr float kEase = 5e-4f, kCalm = 0.9f;
+constexpr float kOnLimit = 1e-5f;  // rad, m: a start nearer to a limit is held by it
 
 inline Lane within_half_turn(const Lane& angle) {
   return angle - Lane(2.0 * M_PI) * round(angle * Lane(0.5 / M_PI));

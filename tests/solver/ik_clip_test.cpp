@@ -114,7 +114,7 @@ INSTANTIATE_TEST_SUITE_P(Rigs, ClipOf,
 TEST(IkClip, MendingIsWhatReachesAWoundClip) {
   // Somewhere among these motions following alone ends in a corner of the limits.
   int lost = 0, mended = 0, rough = 0;
-  for (unsigned seed = 1; seed <= 12; ++seed) {
+  for (unsigned seed = 25; seed <= 36; ++seed) {
     const Followed clip = follow_motion("arm3", seed);
     mended += clip.mended;
     IkSolver solver = std::move(IkSolver::create(clip.rig).value());

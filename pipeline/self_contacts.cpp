@@ -48,7 +48,9 @@ constexpr double kFar = 0.15;        // m: pairs with more room than that have n
 constexpr double kSettled = 2e-4;    // m: a lack that counts as none
 constexpr double kNothing = 1e-6;    // m: a push that does
 constexpr int kRounds = 16;
-constexpr double kFurther = 1.4;   // times what lacks, after the first round
+constexpr double kFurther = 1.4;   // times what lacks, after the first round,
+constexpr double kFarthest = 3.5;  // at most this many times what lacked in all: where the way out
+                                   // leads past the part, more would only fling the arm
 constexpr int kSteps = 2;          // of the linear problem, per frame and round,
 constexpr double kDamping = 0.01;  // and their damping
 constexpr double kFirm = 30.0;     // weight of what is no arm's: trunk and legs stand,
@@ -79,6 +81,7 @@ struct PairPlan {
   std::vector<PartGap> base;         ///< [frame] in the clip without rows; joints are rows
   std::vector<Vector3d> way, point;  ///< [frame] out of b, pelvis' space; of a, in its joint's
   std::vector<double> push;          ///< [frame] m, over all rounds; below 0: room to spare
+  std::vector<double> lacked;        ///< [frame] m, the most in any round, smooth
 
   bool has_row(std::int64_t frame) const {
     return push[frame] > -kFar && way[frame].squaredNorm() > 0.25;
@@ -191,7 +194,7 @@ class Separator {
     for (PairPlan& plan : plans_) {
       plan.way = smooth_mean<Vector3d>(plan.way, window);
       plan.point = smooth_mean<Vector3d>(plan.point, window);
-      plan.push = cover(plan.push);
+      plan.push = plan.lacked = cover(plan.push);
     }
   }
 
@@ -248,7 +251,10 @@ class Separator {
       if (!some_lack(lack_of_[k])) continue;
       const std::vector<double> more = cover(lack_of_[k]);
       for (std::int64_t f = 0; f < frames_; ++f) {
-        plans_[k].push[f] += kFurther * more[f];
+        PairPlan& plan = plans_[k];
+        plan.lacked[f] = std::max(plan.lacked[f], more[f]);
+        plan.push[f] =
+            std::min(plan.push[f] + kFurther * more[f], std::max(0.0, kFarthest * plan.lacked[f]));
         due[f] |= more[f] > kNothing;
       }
     }

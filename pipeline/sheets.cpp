@@ -78,9 +78,12 @@ std::vector<std::string> key_figures(const ClipRecord& record) {
                                 percentile(result.refine.gap_percent, 95.0)));
   }
   if (record.metrics && !record.metrics->feet.empty()) {
-    lines.push_back(fmt::format("slide {:.1f} cm/s (source {:.1f}), pops {}",
-                                record.metrics->output.slide_cm_s,
-                                record.metrics->source.slide_cm_s, record.metrics->pops));
+    const MotionMetrics& metrics = *record.metrics;
+    const std::string slide =
+        metrics.intervals == 0 ? "no foot stands"
+                               : fmt::format("slide {:.1f} cm/s (source {:.1f})",
+                                             metrics.output.slide_cm_s, metrics.source.slide_cm_s);
+    lines.push_back(fmt::format("{}, pops {}", slide, metrics.pops));
   }
   if (result.cycle) {
     lines.push_back(fmt::format("goes round in {} frames, seam {:.2f} deg", result.cycle->period,

@@ -139,13 +139,31 @@ void draw_caption(Canvas& canvas, const Box& cell, const ContactSheet& sheet, st
   }
 }
 
-/// Files whose floor is not y = 0 stand on the lowest level they touch; small faults are shown.
+/// Feet and toes; empty where no joint is known as one.
+std::vector<std::int32_t> foot_joints(const BodyPlan& plan) {
+  std::vector<std::int32_t> out;
+  for (std::size_t j = 0; j < plan.roles.size(); ++j) {
+    const std::string& role = plan.roles[j];
+    if (role.ends_with("Foot") || role.ends_with("Toes")) out.push_back(std::int32_t(j));
+  }
+  return out;
+}
+
+/// Files whose floor is not y = 0 stand on the lowest level that their feet come to (a sword may
+/// hang lower); small faults are shown.
 void find_floor(Actor& actor, std::span<const std::int64_t> frames) {
+  const std::vector<std::int32_t> feet = foot_joints(actor.plan());
   double lowest = 1e9, size = 0.0;
   for (const std::int64_t frame : frames) {
     const std::vector<Eigen::Vector3d> points = some_points(actor.pose(frame));
     size = std::max(size, height_of(points));
-    for (const Eigen::Vector3d& p : points) lowest = std::min(lowest, p.y());
+    for (const Eigen::Vector3d& p : points) {
+      if (feet.empty()) lowest = std::min(lowest, p.y());
+    }
+    for (const std::int32_t j : feet) {
+      const double y = actor.model_from_joint[j].translation().y();
+      lowest = std::min(lowest, actor.figure->scale * y + actor.figure->offset.y());
+    }
   }
   if (size == 0.0) return;
   if (lowest < -0.1 * size || lowest > 0.5 * size) actor.floor_y = lowest;
